@@ -38,7 +38,7 @@ from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
 from lagrange.statement.given.function import require_formulas, with_inputs
 from lagrange.statement.number import one_of
-from lagrange.statement.preparation import PreparationTooLongError, check_time
+from lagrange.statement.run_settings import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.solution import Solution

@@ -446,7 +446,7 @@ class System:
         ignored coordinate are left out. Raises StatementError, with the rate of its momentum, for a coordinate that is
         not ignorable. Goldstein, Poole, Safko, 3rd ed., section 8.3.
         """
-        from lagrange.mechanics.routh import routhian
+        from lagrange.mechanics.transformation import routhian
 
         return self.from_statement(routhian(self._known, coordinates, self._model))
 
@@ -456,7 +456,7 @@ class System:
         They are integrated along the run, to 1e-12 relative to their total change, from the initial values here.
         Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
         """
-        from lagrange.mechanics.routh import ignored
+        from lagrange.mechanics.transformation import ignored
 
         return ignored(self.statement, solution)
 

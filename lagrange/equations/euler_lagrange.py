@@ -26,9 +26,8 @@ from lagrange.statement.coordinate import acceleration_of, check_multipliers, mu
 from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.expression import in_full
-from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.parameters import Survey, in_own_parameters
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 
 
 @dataclass(frozen=True)

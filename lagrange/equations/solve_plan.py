@@ -20,7 +20,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, printable
 from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Node
-from lagrange.statement.preparation import check_time
+from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:

@@ -148,22 +148,20 @@ class ConstraintSurface:
         stated = StatedConstraints.alike(zero, self.holonomic)
         rows = [i for i, place in enumerate(self.holonomic) if place]
 
+        def steps(q: Numbers, v: Numbers) -> DifferenceSteps:
+            return DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
+
         def on_positions(q: Numbers) -> tuple[Numbers, list[Numbers]]:
-            found, slopes = zero(q, rates, t), gradient(stated, q, rates, t, self._steps(q, rates, t))
+            found, slopes = zero(q, rates, t), gradient(stated, q, rates, t, steps(q, rates))
             return [found[i] for i in rows], [slopes[i] for i in rows]
 
         def on_velocities(v: Numbers) -> tuple[Numbers, list[Numbers]]:
-            steps = self._steps(places, v, t)
-            return velocity_level(stated, places, v, t, steps), gradient(stated, places, v, t, steps)
+            there = steps(places, v)
+            return velocity_level(stated, places, v, t, there), gradient(stated, places, v, t, there)
 
         if rows:
             places = self._corrected(places, on_positions)
         return places, self._corrected(rates, on_velocities)
-
-    def _steps(self, q: Numbers, v: Numbers, t: Any) -> DifferenceSteps:
-        by_q, by_v = ([self.step * (abs(x) or 1) for x in values] for values in (q, v))
-        times = [abs(x) / abs(rate) for x, rate in zip(q, v, strict=True) if x and rate]
-        return DifferenceSteps(by_q, by_v, self.step * min(times, default=abs(t) or self.number(1)))
 
     def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
         """Return x after Newton corrections -G^T z with G G^T z = residual, repeated until they are rounding.

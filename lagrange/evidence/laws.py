@@ -161,6 +161,19 @@ class DifferenceSteps:
     v: Numbers
     motion: Any
 
+    @classmethod
+    def at(cls, q: Numbers, v: Numbers, t: Any, unit: Any, *, timed: bool) -> DifferenceSteps:
+        """Return steps of `unit` relative to each number, or of `unit` for a zero, at a state of mpmath numbers.
+
+        Along the motion no coordinate changes by more than its own step, nor does the time if it matters (`timed`): in
+        SI units a second is nothing to a planet, and all digits would be lost in it.
+        """
+        by_q, by_v = ([unit * (abs(x) or 1) for x in values] for values in (q, v))
+        times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
+        if timed or not times:
+            times.append(unit * (abs(t) or 1))
+        return cls(by_q, by_v, min(times))
+
     def times(self, scale: Any) -> DifferenceSteps:
         """Return all steps multiplied by `scale`, as extrapolation of nested differences needs."""
         return DifferenceSteps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)

@@ -16,7 +16,7 @@ from mpmath import MPContext, libmp
 from sympy.core.function import AppliedUndef
 
 from lagrange.statement.coordinate import t as time
-from lagrange.statement.preparation import check_time
+from lagrange.statement.run_settings import check_time
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

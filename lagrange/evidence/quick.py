@@ -190,10 +190,7 @@ class _Probe:
             return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         stated = StatedConstraints.alike(lambda q, v, t: tape(q, v, t, parameters), self.holonomic)
-        step = self.number(DIFFERENCE_STEP)
-        sizes = [[step * (abs(x) or 1) for x in half] for half in (q, v)]
-        steps = DifferenceSteps(sizes[0], sizes[1], self._time_step(point, q, v))
-        t, still = self.number(point.t), [self.number(0)] * len(q)
+        t, still, steps = self.number(point.t), [self.number(0)] * len(q), self._steps(point, q, v)
         whole, bias = (acceleration_level(stated, q, v, along_a, t, steps) for along_a in (a, still))
         terms = [weight * x for weight, x in zip(self.weights, whole, strict=True)]
         return [(sum(terms), max(map(abs, [*bias, *(x - b for x, b in zip(whole, bias, strict=True))])))]
@@ -206,7 +203,7 @@ class _Probe:
         `for_rate` and `for_force` are programs of L for d/dt dL/dv and dL/dq.
         """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._time_step(point, q, v)
+        t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
             upper = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]
@@ -226,12 +223,9 @@ class _Probe:
             terms.append(slope(self.dissipation, q, v, t, still, w))
         return sum(terms), max(map(abs, terms))
 
-    def _time_step(self, point: SamplePoint, q: Any, v: Any) -> Any:
-        """Return a time step in which no coordinate changes by more than `DIFFERENCE_STEP`, relative to its value."""
-        times = [abs(x / y) for x, y in zip(q, v, strict=True) if x and y]
-        if self.plain.uses_time or self.held.uses_time or not times:
-            times.append(self.number(abs(point.t) or 1.0))
-        return self.number(DIFFERENCE_STEP) * min(times)
+    def _steps(self, point: SamplePoint, q: Any, v: Any) -> DifferenceSteps:
+        timed = self.plain.uses_time or self.held.uses_time
+        return DifferenceSteps.at(q, v, self.number(point.t), self.number(DIFFERENCE_STEP), timed=timed)
 
     def _factor(self, least: float) -> float:
         return self.draw.uniform(least, 1.5) * self.draw.choice((-1, 1))

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
 from lagrange.graph.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
-from lagrange.statement.preparation import CHECKED_EVERY, check_time
+from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 
 Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"

@@ -29,17 +29,15 @@ from lagrange.mechanics.symmetries import (
     place,
     rotations,
     shifts,
-    top_rotations,
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.expression import expression, in_full
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.number import ByName
-from lagrange.statement.parameters import in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import AXES
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -191,7 +189,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
     known: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
-    motions = top_rotations(stated) if body is None else body_motions(stated, body)
+    motions = () if body is None else body_motions(stated, body)
     candidates = [*shifts(stated), *rotations(stated), *motions]
     for candidate in candidates:
         shift = [int(xi) if xi in (0, 1) else None for xi in candidate.xi]

@@ -16,10 +16,9 @@ from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import whole_number
-from lagrange.statement.parameters import in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import in_coordinates, is_scalar, rotation_of
 from lagrange.statement.statement import Constraint, Statement
-from lagrange.statement.survey import Survey
 
 _COMPARED = sympy.core.relational.Relational
 

@@ -31,9 +31,8 @@ from lagrange.statement.coordinate import coordinate_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.notebook_page import ShownAsPage
-from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.parameters import Survey, in_own_parameters
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 
 LARGEST_BLOCK = 4
 """Largest number of coupled velocities that are solved for in symbols: the inverse of five has thousands of terms."""

@@ -18,9 +18,8 @@ from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.parameters import in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.statement import Constraint, Statement
-from lagrange.statement.survey import Survey
 
 
 def rewritten(

@@ -111,8 +111,6 @@ def oriented(
 
     Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
     """
-    if symmetry.name:
-        return symmetry, symmetry.name
     found = _axis(stated, symmetry)
     if found is None and place is not None and symmetry.tau == 0:
         found = _motion(stated, symmetry, place)
@@ -217,15 +215,11 @@ LONGEST_GAUGE = 400
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A symmetry delta q = xi (n of them), delta t = tau, with the gauge function F, in plain symbols.
-
-    `name` is that of its conserved quantity where it is known beforehand, else "".
-    """
+    """A symmetry delta q = xi (n of them), delta t = tau, with the gauge function F, in plain symbols."""
 
     xi: tuple[Any, ...]
     tau: Any = S.Zero
     gauge: Any = S.Zero
-    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,34 +420,6 @@ def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Sym
             for of_body, moved in ((False, product(unit, q)), (True, product(q, unit))):
                 xi = dict(zip(q, moved, strict=True))
                 yield each, of_body, axis, Symmetry(tuple(xi.get(x, S.Zero) / 2 for x in stated.q))
-
-
-def top_rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield the rotations about x and y of a rigid body in angles R = R_z(a) R(b) R(c), b and c about its own axes.
-
-    With Euler angles b turns about x and c about z, and M_ac = M_cc cos b. With yaw, pitch and roll b turns about y
-    and c about x, and M_ac = -M_cc sin b. T is the same with b about y of Euler angles: then x here is -y there.
-    Source: Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 4.4 and 4.9.
-    """
-    for a, c in permutations(range(len(stated.q)), 2):
-        spin, coupling = stated.mass[c][c], stated.mass[a][c]
-        used = {q for monomial in coupling for k, _ in monomial for q in stated.q if q in stated.algebra.free(k)}
-        if len(used) != 1:
-            continue
-        (tilt,) = used
-        b = stated.q.index(tilt)
-        for shared, across in ((cos(tilt), sin(tilt)), (-sin(tilt), cos(tilt))):
-            product = stated.algebra.multiply(spin, stated.algebra.read(-shared))
-            if stated.algebra.merge_angles(stated.algebra.add(coupling, product)):
-                continue
-            euler = across == sin(tilt)
-            for axis, turn in (("x", S.Zero), ("y", S.Pi / 2)):
-                # The node of b is at a from x with Euler angles, from y with yaw, pitch and roll.
-                angle = stated.q[a] - turn
-                along, beside = (cos(angle), sin(angle)) if euler else (-sin(angle), cos(angle))
-                xi = [S.Zero] * len(stated.q)
-                xi[a], xi[b], xi[c] = -beside * shared / across, along, beside / across
-                yield Symmetry(tuple(xi), name=f"angular momentum {axis}")
 
 
 def _reduced(given: Any) -> Any:

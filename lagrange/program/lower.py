@@ -14,7 +14,7 @@ from typing import Any
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.program.program import Instruction, Program, ProgramBlock
-from lagrange.statement.preparation import CHECKED_EVERY, check_time
+from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 
 Named = Mapping[str, Sequence[Node]]
 """Nodes in blocks, each under a name."""

@@ -17,7 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import Substitution
 from lagrange.program.series import LARGEST_POWER, SeriesRule
-from lagrange.statement.preparation import CHECKED_EVERY, check_time
+from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LONGEST_SHARED = 12

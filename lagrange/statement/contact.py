@@ -13,8 +13,7 @@ from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
 from lagrange.statement.expression import expression, vector
 from lagrange.statement.number import one_of
-from lagrange.statement.parameters import table_of
-from lagrange.statement.survey import Survey
+from lagrange.statement.parameters import Survey, table_of
 
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
 """Laws of simultaneous impacts: Newton's law for all contacts at once, or one contact after the other."""

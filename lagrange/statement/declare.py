@@ -32,7 +32,7 @@ from lagrange.statement.expression import TEXTS, as_typed, entries, expression, 
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import one_of, real_number, text
-from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
+from lagrange.statement.parameters import Survey, check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.rotation import (
     check_moments,
     check_start,
@@ -48,7 +48,6 @@ from lagrange.statement.rotation import (
 )
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
-from lagrange.statement.survey import Survey
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME
 

@@ -17,9 +17,8 @@ from lagrange.statement.coordinate import check_multipliers, t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
-from lagrange.statement.parameters import in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 from lagrange.statement.units.dimension_check import check_event_dimensions
 
 MOST_OCCURRENCES = 2**31

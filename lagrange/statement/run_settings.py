@@ -1,9 +1,18 @@
-"""Settings of a run: their defaults, and their descriptions for the command line."""
+"""Settings of a run, with their descriptions for the command line, and the time limit of its preparation.
+
+Loops that derive or compile, and may take long, check that limit.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
+
+from lagrange.errors import LagrangeError
 
 DEFAULT_T_END = 10.0
 """Time at which a run ends if neither its caller nor its scene states one."""
@@ -35,3 +44,61 @@ class RunSettings:
     atol: float | None = None
     step: float | None = None
     events: tuple[Any, ...] = ()
+
+
+COMPILE_SECONDS = 5.0
+"""Seconds that preparation may take even if `max_wall` is smaller: compiled code serves many runs."""
+
+CHECKED_EVERY = 512
+"""Number of nodes, rules or instructions between two checks of the clock: some 5 ms of work."""
+
+
+class PreparationTooLongError(LagrangeError):
+    """Deriving or compiling exceeded the time limit; `model` is the one to run, None before its equations are known.
+
+    It is not a RunError, which some callers catch as "no value here".
+    """
+
+    model: Any = None
+
+
+_LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limit of a preparation", default=None)
+
+
+def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
+    """Limit the time of preparation within the block, until `preparation_ends` at the latest.
+
+    `began` is the time of the request by `time.perf_counter`; without `seconds` there is no limit.
+    """
+    return _UNLIMITED if seconds is None else _limited(began, seconds)
+
+
+_UNLIMITED = nullcontext()
+"""A block without a limit; short runs enter it."""
+
+
+@contextmanager
+def _limited(began: float, seconds: float) -> Iterator[None]:
+    token = _LIMIT.set((began, seconds))
+    try:
+        yield
+    finally:
+        _LIMIT.reset(token)
+
+
+def preparation_ends() -> None:
+    """Remove the limit in the current block when the steps begin; later compilation is not limited."""
+    _LIMIT.set(None)
+
+
+def check_time() -> None:
+    """Raise PreparationTooLongError if the time limit of the preparation is exceeded."""
+    limit = _LIMIT.get()
+    if limit is None:
+        return
+    taken = time.perf_counter() - limit[0]
+    if taken > max(limit[1], COMPILE_SECONDS):
+        raise PreparationTooLongError(
+            f"Compiling was ended after {taken:.3g} s, more than max_wall = {limit[1]:.6g} s; a part of it is lost. "
+            "Raise max_wall, state a smaller system, or take a method that compiles less, such as dop853."
+        )

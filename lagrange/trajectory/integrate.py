@@ -20,8 +20,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
-from lagrange.statement.preparation import PreparationTooLongError, preparation
-from lagrange.statement.run_settings import DEFAULT_METHOD
+from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.contact.run import run_through_contacts

@@ -15,7 +15,7 @@ from lagrange.graph.differentiate import gradient
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState
 from lagrange.program.switching import switch
-from lagrange.statement.preparation import COMPILE_SECONDS
+from lagrange.statement.run_settings import COMPILE_SECONDS
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem

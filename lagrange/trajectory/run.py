@@ -13,9 +13,8 @@ from lagrange.errors import RunError
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag, real_number
-from lagrange.statement.preparation import PreparationTooLongError, preparation
 from lagrange.statement.progress import compiling, progress_bar
-from lagrange.statement.run_settings import DEFAULT_METHOD
+from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span

@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
-from lagrange.statement.preparation import PreparationTooLongError, preparation, preparation_ends
+from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.endings import (
     dependent_ahead,
     lost_inertia,

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sympy
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
@@ -176,19 +175,6 @@ def test_coupled_coordinates_are_compared_with_no_body(monkeypatch: pytest.Monke
     monkeypatch.setattr("lagrange.mechanics.symmetries._rest", lambda *given: tried.append(given))
     assert [one.name for one in lg.scene("double-pendulum").conserved()] == ["energy"]
     assert not tried
-
-
-def test_a_free_top_keeps_three_components_of_its_angular_momentum() -> None:
-    """Compare with R I w of the rotation matrix R = R_z(phi) R_x(theta) R_z(psi), which is not used to find them."""
-    phi, theta, psi = angles = lg.coordinates("phi theta psi")
-    spin = sympy.Matrix([theta.dot, phi.dot * sin(theta), phi.dot * cos(theta) + psi.dot])  # turned back by psi
-    body = sympy.diag(1, 1, 3) * spin
-    expressions = {one.name: one.expression for one in lg.System(spin.dot(body) / 2, 0, coordinates=angles).conserved()}
-    values = dict(zip((*angles, *(q.dot for q in angles)), (0.7, 0.4, -0.3, 0.5, -0.8, 1.2), strict=True))
-    turn = sympy.rot_givens(1, 0, phi, dim=3) * sympy.rot_givens(2, 1, theta, dim=3)
-    expected = [float(entry) for entry in (turn * body).subs(values)]
-    names = ["angular momentum x", "angular momentum y", "p_phi"]
-    assert [float(expressions[name].subs(values)) for name in names] == pytest.approx(expected, rel=1e-12)
 
 
 def test_terms_linear_in_velocities_leave_the_names_of_momenta() -> None:

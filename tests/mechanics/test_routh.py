@@ -11,7 +11,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.mechanics import routh
+from lagrange.mechanics import transformation as routh
 from lagrange.statement.statement import Link
 
 m, g, l, I1, I3, k, c = lg.parameters("m g l I1 I3 k c")

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, multiplier, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
-from lagrange.statement.survey import Survey
+from lagrange.statement.parameters import Survey
 from tests.models import stated
 
 x, y, z = coordinate("x"), coordinate("y"), coordinate("z")

@@ -10,7 +10,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinates, parameters, t
-from lagrange.statement.survey import Survey
+from lagrange.statement.parameters import Survey
 
 x, y = coordinates("x y")
 m, k = parameters("m k")

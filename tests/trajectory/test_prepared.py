@@ -20,7 +20,7 @@ from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.model import Model
 from lagrange.machine.state import Outcome
 from lagrange.machine.steps.llvm_driver import LlvmDriver
-from lagrange.statement import preparation
+from lagrange.statement import run_settings as preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory import run_loop

@@ -22,7 +22,7 @@ from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import ARITY
-from lagrange.statement.preparation import check_time
+from lagrange.statement.run_settings import check_time
 
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 

@@ -17,10 +17,9 @@ from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression, in_full
-from lagrange.statement.parameters import coordinate_name
+from lagrange.statement.parameters import Survey, coordinate_name
 from lagrange.statement.rotation import shorthands
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
 

@@ -14,9 +14,8 @@ from lagrange.errors import StatementError, formula, listing, suggestion
 from lagrange.statement.coordinate import check_symbol, function_of_time, name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.given.motion import MARK, Motion, checked_table, motion_of
-from lagrange.statement.parameters import check_rate, rate_name
+from lagrange.statement.parameters import Survey, check_rate, rate_name
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 
 DEGREE = 3
 """Degree of the polynomial that replaces an open function while the structure of the equations is analysed."""
