@@ -84,7 +84,7 @@ def equilibrium_branches(
         for done, anchor in enumerate(anchors):
             known = model.with_defaults({symbol: float(values[anchor])})
             try:
-                places = equilibria(known.statement, None, known)
+                places = equilibria(known.statement, None)
             except StatementError as error:
                 refusal = str(error)
                 continue
