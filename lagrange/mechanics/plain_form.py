@@ -26,6 +26,9 @@ LONGEST_FACTORED = 400
 MOST_SYMBOLS = 12
 """Largest number of symbols, functions and roots in an expression that is factored: more take long."""
 
+HIGHEST_DEGREE = 100
+"""Largest numerator or denominator of an exponent in an expression that is factored: x**3.001 has degree 3001."""
+
 MERGED_TERMS = 20_000
 """Largest number of products in merging sines and cosines: about 0.2 s."""
 
@@ -43,7 +46,8 @@ def simplest(given: Any) -> Any:
     if given.has(sympy.Float):  # polynomials of decimals have no factors
         return in_decimals(simplest(in_fractions(given)))
     best = given
-    few = _generators(best) <= MOST_SYMBOLS
+    exponents = [power.exp for power in best.atoms(sympy.Pow) if power.exp.is_Rational]
+    few = _generators(best) <= MOST_SYMBOLS and all(max(abs(e.p), e.q) <= HIGHEST_DEGREE for e in exponents)
     if size(best) <= LONGEST_FACTORED:
         best = min((best, sympy.expand(best), sympy.factor_terms(best)), key=size)
         if few:

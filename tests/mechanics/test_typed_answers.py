@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.mechanics import plain_form
 from lagrange.mechanics.grading import term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
@@ -432,6 +433,14 @@ def test_a_factor_of_a_high_power_is_not_factored() -> None:
     """Factors of x**729 + 1 take SymPy some 20 seconds."""
     result = oscillator().compare("m x'' + c x' + x^9^9^9kx = m g + F cos(w t)")
     assert "the term k*x**730 is wrong: it should be k*x." in result.message
+
+
+def test_a_sum_with_an_exponent_of_many_digits_is_not_factored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The factors of x**(3001/1000) + x are those of a polynomial of degree 3001, which takes SymPy minutes."""
+    x, k, m = sp.symbols("x k m")
+    monkeypatch.setattr(sp, "factor", lambda *_: pytest.fail("a sum was factored"))
+    typed = (k * x + m * x**3.001) / (k * x + m * x**3)
+    assert plain_form.simplest(typed).has(x)
 
 
 def test_a_high_power_of_a_sum_is_not_expanded() -> None:
