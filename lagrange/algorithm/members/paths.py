@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from lagrange.algorithm.dense.block import LANES, READ, StepPolynomial, block_size, steps_in
-from lagrange.algorithm.taylor.memory import SeriesMemory, TaylorLayout
-from lagrange.algorithm.taylor.sums import increment
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.algorithm.taylor.sums import powers_of, series_sum
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.building import Tracer
@@ -43,11 +43,11 @@ def series_path(layout: TaylorLayout, entries: Sequence[int]) -> Procedure:
     p = Builder("series_path", "Write the state at a fraction of a step.")
     theta, ratio = p.given("theta", REAL), p.given("ratio", REAL)
     work, out = p.array("work", read=True), p.array("out")
-    run = SeriesMemory(p, layout, work)
     before, lost = (work.at(layout.held + place) for place in (0, layout.padded))
-    sums = increment(run, theta * ratio)
+    powers, trace = powers_of(theta * ratio), Tracer(p, ())
+    order = p.given("order", WHOLE)
     for j in entries:
-        out[j] = before[j] + (sums(p.whole(j)) + lost[j])
+        out[j] = before[j] + (trace.call(series_sum, work, order, powers, p.whole(j), layout) + lost[j])
     return p.finish()
 
 

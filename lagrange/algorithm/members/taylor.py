@@ -12,6 +12,7 @@ from lagrange.algorithm.taylor.loop import begin_run, iteration
 from lagrange.algorithm.taylor.memory import BLOCK, HELD, OUTPUTS, TAYLOR, TaylorLayout
 from lagrange.algorithm.taylor.step_size import logarithm
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.values import Flag, Memory, Whole
 
@@ -45,7 +46,7 @@ class TaylorMembers(Members):
             self._along = Along(p, sampled, path, self.points, self.held, layout.dimension)
         if self.occurrences is not None:
             self.occurrences.reserve(layout)
-        self.digits = (-p.call(logarithm(), self.rtol)).called("digits")
+        self.digits = (-p.call(logarithm.form(), self.rtol)).called("digits")
 
     def announce(self) -> None:
         """Add the parameters of the events, if there are any."""
@@ -72,7 +73,8 @@ class TaylorMembers(Members):
         """Reset the compensation, the counters, the scale of time and the outputs."""
         self.before.unproven = 0
         self.written.done = self.written.ahead = 0
-        begin_run(self.p, self.layout, self.run, self.counts, self.taylor, self.before, self.work)
+        records = self.run, self.counts, self.taylor, self.before
+        Tracer(self.p, ()).call(begin_run, *records, self.work, self.layout)
         if self.along is not None:
             self.along.begin(self.run.t, self.work)
         if self.occurrences is not None:
@@ -90,7 +92,7 @@ class TaylorMembers(Members):
         if self.occurrences is not None:
             given |= self.occurrences.handed(self.held)
             functions["values"] = self.occurrences.events.values
-        step = bound(iteration(self.layout), functions, prefix="run_")
+        step = bound(iteration.form(layout=self.layout), functions, prefix="run_")
         steps = self.counts.steps
         found: Whole = p.call(step, *(given[one.name] for one in step.parameters))
         if self.along is not None:

@@ -171,7 +171,7 @@ class TaylorProcedures:
         given |= {"times": none, "rows": rows, "budget": most, "work": work, "order": order}
         given["projection_numbers"] = prepared
         functions = {"jet": jet} if self.projection is None else {"jet": jet, "projection": self.projection}
-        loop = bound(taylor_steps(layout), functions, prefix="taylor_")
+        loop = bound(taylor_steps.form(layout=layout), functions, prefix="taylor_")
         outcome = p.call(loop, *(given[one.name] for one in loop.parameters)).called("outcome")
         time[0] = run.t
         p.copy(work, y, n, spill=False)

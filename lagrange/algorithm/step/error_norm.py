@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from lagrange.algorithm.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY, ROUNDED
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.step.run import Running, running
-from lagrange.procedure.builder import Builder
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -20,7 +18,6 @@ from lagrange.procedure.front.vocabulary import (
     mantissa,
     unrolled,
 )
-from lagrange.procedure.values import Real
 from lagrange.program.step import Control
 
 
@@ -115,8 +112,3 @@ def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
         for i in each(layout.width if single else layout.length, spill=single):
             floor[i] = max(floor[i], share * abs(new[i]))
-
-
-def higher(p: Builder, value: Real, floor: Real) -> Any:
-    """Return the larger of a value and a floor; the floor if the value is NaN."""
-    return p.choose(value > floor, value, floor)

@@ -7,204 +7,213 @@ and tries a shorter one. Functions with powers above the order of the series are
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
-from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.step.run import Counts, Run
 from lagrange.algorithm.taylor.constants import DEFECT, DEFECT_NOISE, EVENT_SLACK, MOST_FAILURES, PROBES, RETRY_FRACTION
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (
     BLOCK,
-    HELD,
     JET,
-    OUTPUTS,
-    SIZES,
-    TAYLOR,
-    RecordedLayout,
-    SeriesMemory,
+    Held,
+    OutputCounts,
+    Sizes,
+    Taylor,
     TaylorLayout,
-    entries,
-    floors_array,
-    weights_array,
-    work_array,
+    floors_type,
+    layout_of,
+    row,
+    rows_type,
+    weights_type,
+    work_type,
 )
 from lagrange.algorithm.taylor.step_size import weigh
 from lagrange.algorithm.taylor.sums import horner, state_on_step
 from lagrange.algorithm.taylor.watching import FUNCTION
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, magnitude, reals
 
 
-@shared
-def defect_is_small(layout: TaylorLayout) -> Procedure:
-    """Return the comparison of the stored derivative with the first coefficients of some rows.
+@procedure(weights=weights_type, work=work_type)
+def defect_is_small(length: float, order: int, first: int, weights: In, work: Out, *, layout: TaylorLayout) -> bool:
+    """Return whether the stored derivative agrees with the first coefficients of some rows.
 
     `length` is the length of the step in units of the scale.
     """
-    p = Builder("defect_is_small", "Whether the derivative that is held is what the equations say.")
-    length, order, first = p.given("length", REAL), p.given("order", WHOLE), p.given("first", WHOLE)
-    weights, work = weights_array(p, layout), work_array(p)
-    rows, slopes, own = (memory.at(layout.moving) for memory in (work.at(first), work.at(layout.slope), weights))
-    with entries(p, layout, layout.moving) as i:
-        weight, there = own[i], rows[i]
-        off = p.largest_magnitude((there - slopes[i]) * weight)
-        most = p.largest_magnitude(there * weight)
-    allowed = DEFECT * p.real(order) / length
-    p.leave(off.value <= p.fma(DEFECT_NOISE, most.value, allowed))
-    return p.finish(FLAG)
+    begin = layout.moving
+    rows, slopes = work[first:][begin:], work[layout.slope + begin :]
+    off, most = 0.0, 0.0
+    for i in each(layout.padded - begin, **layout.loop):
+        weight, there = weights[begin:][i], rows[i]
+        off = magnitude(off, (there - slopes[i]) * weight)
+        most = magnitude(most, there * weight)
+    allowed = DEFECT * float(order) / length
+    return off <= fma(DEFECT_NOISE, most, allowed)
 
 
-def retries_exhausted(taylor: Any) -> Flag:
-    """Return the flag that the retry limit is reached: a shorter step would be lost in round-off."""
-    found: Flag = taylor.failures >= MOST_FAILURES
-    return found
+@inline
+def retries_exhausted(taylor: Taylor) -> bool:
+    """Return whether the retry limit is reached: a shorter step would be lost in round-off."""
+    return taylor.failures >= MOST_FAILURES
 
 
-@shared
-def retry_shorter() -> Procedure:
-    """Return the procedure that prepares a shorter step, with a new inspection of the event functions."""
-    p = Builder("retry_shorter", "Try again with a shorter step.", apart=True)
-    counts: Any = p.record("counts", COUNTS)
-    taylor: Any = p.record("taylor", TAYLOR)
-    h: Real = p.given("h", REAL)
+@procedure(apart=True)
+def retry_shorter(counts: Counts, taylor: Taylor, h: float) -> None:
+    """Prepare a shorter step, with a new inspection of the event functions."""
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
-    taylor.failures = taylor.failures + 1
-    counts.rejected = counts.rejected + 1
+    taylor.failures += 1
+    counts.rejected += 1
     taylor.inspect, taylor.rescalings = 1, 0
-    return p.finish()
 
 
-@shared
-def reject_step(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that goes back to the beginning of a step that failed the test."""
-    p = Builder("reject_step", "Go back to where the last step began.", apart=True)
-    run: Any = p.record("run", RUN)
-    counts: Any = p.record("counts", COUNTS)
-    taylor: Any = p.record("taylor", TAYLOR)
-    held: Any = p.record("held", HELD)
-    work = work_array(p)
-    p.copy(work.at(layout.held), work, 2 * layout.padded, width=layout.block)
+@procedure(apart=True, work=work_type)
+def reject_step(run: Run, counts: Counts, taylor: Taylor, held: Held, work: Out, *, layout: TaylorLayout) -> None:
+    """Return to the beginning of the last step."""
+    kept, size = work[layout.held :], 2 * layout.padded
+    for i in each(size, width=layout.block, spill=True, disjoint=True):
+        work[i] = kept[i]
     run.t, taylor.low, taylor.scale = held.t, held.low, held.scale
     held.unproven = 0
-    p.call(retry_shorter(), counts, taylor, held.h)
-    return p.finish()
+    retry_shorter(counts, taylor, held.h)
 
 
-@shared
-def record_step(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that counts and records a confirmed step; after failures the next step at most doubles."""
-    p = Builder("record_step", "Count and record a step that passed the defect test.")
-    run: Any = p.record("run", RUN)
-    counts: Any = p.record("counts", COUNTS)
-    taylor: Any = p.record("taylor", TAYLOR)
-    held: Any = p.record("held", HELD)
-    outputs: Any = p.record("outputs", OUTPUTS)
-    work, times, rows = work_array(p), p.array("times"), p.array("rows", room=layout.block)
-    failed = (taylor.failures > 0) & ~retries_exhausted(taylor)
-    limit = p.choose(failed, abs(held.h), taylor.limit)
+@procedure(rows=rows_type, work=work_type)
+def record_step(
+    run: Run,
+    counts: Counts,
+    taylor: Taylor,
+    held: Held,
+    outputs: OutputCounts,
+    work: Out,
+    times: Out,
+    rows: Out,
+    *,
+    layout: TaylorLayout,
+) -> None:
+    """Count and record a step that passed the defect test; after failures the next step at most doubles."""
+    length, limit, is_exhausted = abs(held.h), taylor.limit, retries_exhausted(taylor)
+    limit = length if taylor.failures > 0 and not is_exhausted else limit
     taylor.limit = limit + limit
     taylor.failures = 0
     held.unproven = 0
-    counts.steps = counts.steps + 1
+    counts.steps += 1
     outputs.done = outputs.ahead
-    with p.when(~counts.record.equals(0)):
-        row = counts.rows
-        times[row] = run.t
-        target, whole = rows.at(row * layout.dimension), layout.chains
-        p.copy(work, target, layout.dimension, width=layout.block, spill=False, unrolled=whole)
-        counts.rows = row + 1
-    return p.finish()
+    if counts.record != 0:
+        place = counts.rows
+        times[place] = run.t
+        target = rows[place * layout.dimension :]
+        for i in each(layout.dimension, width=layout.block, unrolled=layout.chains):
+            target[i] = work[i]
+        counts.rows = place + 1
 
 
-@shared
-def defect_along_step(layout: TaylorLayout) -> Procedure:
-    """Return the comparison of a series with the equations along a step of length s in units of the scale."""
-    p = Builder("defect_along_step", "Whether the equations say what a series says, all along a step.", apart=True)
-    jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
-    rtol, floors = p.given("rtol", REAL), floors_array(p, layout)
-    t, scale, s = (p.given(name, REAL) for name in ("t", "scale", "s"))
-    run = SeriesMemory(p, layout, work_array(p))
-    weights = p.reserve(layout.padded, room=layout.block, name="weights")
-    p.call(weigh(layout), rtol, floors, weights, run.work)
-    begin = p.whole(layout.ahead(run.order))
-    there, slopes = run.work.at(begin), run.work.at(layout.slope)
-    rows = there.at(layout.rows)
-    with p.loop(1, PROBES) as j:
-        part: Real = s * (p.real(j) * (1.0 / PROBES))
-        with run.entries() as i:
-            total, slope = horner(run, part, i)
-            there[i] = run.work[i] + total
+@procedure(apart=True, jet=lambda: JET, floors=floors_type, work=work_type)
+def defect_along_step(
+    jet: Callable[..., Any],
+    prepared: In,
+    constants: In,
+    rtol: float,
+    floors: In,
+    t: float,
+    scale: float,
+    s: float,
+    work: Out,
+    order: int,
+    *,
+    layout: TaylorLayout,
+) -> bool:
+    """Return whether a series agrees with the equations all along a step of length s in units of the scale."""
+    weights = reals(layout.padded, room=layout.block)
+    weigh(rtol, floors, weights, work, layout=layout)
+    begin = layout.ahead(order)
+    there, slopes = work[begin:], work[layout.slope :]
+    for j in range(1, PROBES):
+        part = s * (float(j) * (1.0 / PROBES))
+        for i in each(layout.padded, **layout.loop):
+            total, slope = horner(work, order, part, i, layout)
+            there[i] = work[i] + total
             slopes[i] = slope
-        singular = jet(p.fma(part, scale, t), scale, there, prepared, constants, rows, run.order)
+        is_singular = jet(fma(part, scale, t), scale, there, prepared, constants, there[layout.rows :], order)
         first = begin + (layout.rows + layout.width)
-        p.leave_if(singular | ~p.call(defect_is_small(layout), s, run.order, first, weights, run.work), p.false)
-    p.leave(p.true)
-    return p.finish(FLAG)
+        if is_singular or not defect_is_small(s, order, first, weights, work, layout=layout):
+            return False
+    return True
 
 
 MOST_HALVINGS = 60
 """Largest number of halvings of a step until the series agree."""
 
 
-@shared
-def verified_step() -> Procedure:
-    """Return the procedure that shortens a step until the series of all watched functions agree with them at its end.
+def state_type() -> Array:
+    """Return the type of an array that is written in whole blocks."""
+    return Array(room=BLOCK)
+
+
+@procedure(
+    apart=True,
+    function=lambda: FUNCTION,
+    there=state_type,
+    blur=state_type,
+    state=state_type,
+    moved=state_type,
+    work=work_type,
+)
+def verified_step(
+    function: Callable[..., bool],
+    numbers: In,
+    tilts: In,
+    t: float,
+    scale: float,
+    rtol: float,
+    s: float,
+    noise: In,
+    there: Out,
+    blur: Out,
+    state: Out,
+    moved: Out,
+    sizes: Sizes,
+    work: Out,
+    order: int,
+) -> float:
+    """Return a step at whose end the series of all watched functions agree with them, by halving a step.
 
     At x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
     """
-    return _Verification().build()
+    layout = layout_of(sizes)
+    again, halvings = True, 0
+    while again and halvings < MOST_HALVINGS:
+        end = t + s * scale
+        state_on_step(s, state, sizes, work, order)
+        if function(end, state, numbers, there):
+            return s
+        again = some_disagrees(s, rtol, noise, None, there, work, order, layout)
+        if again:
+            # Rounding of the state at the end may explain the difference.
+            event_noise(function, numbers, tilts, end, layout.dimension, layout.watched, state, there, blur, moved)
+            again = some_disagrees(s, rtol, noise, blur, there, work, order, layout)
+        s = s * 0.5 if again else s
+        halvings += 1
+    return s
 
 
-class _Verification:
-    """Builds the procedure."""
-
-    def __init__(self) -> None:
-        self.p = p = Builder("verified_step", "Return a step at whose end all series agree.", apart=True)
-        self.function = p.function("function", FUNCTION)
-        self.numbers, self.tilts = p.array("numbers", read=True), p.array("tilts", read=True)
-        self.t, self.scale, self.rtol, self.s = (p.given(name, REAL) for name in ("t", "scale", "rtol", "s"))
-        self.noise, self.there = p.array("noise", read=True), p.array("there", room=BLOCK)
-        self.blur, self.state, self.moved = (p.array(name, room=BLOCK) for name in ("blur", "state", "moved"))
-        self.sizes: Any = p.record("sizes", SIZES)
-        self.layout: Any = RecordedLayout(self.sizes)
-        self.memory = SeriesMemory(p, self.layout, work_array(p))
-        self.layout.read()
-
-    def build(self) -> Procedure:
-        p, layout, again = self.p, self.layout, self.p.variable(self.p.true, "again")
-        s, halvings = p.variable(self.s, "length"), p.variable(0, "halvings")
-        with p.repeat(lambda: again.value & (halvings.value < MOST_HALVINGS)):
-            end = self.t + s.value * self.scale
-            p.call(state_on_step(), s.value, self.state, self.sizes, *self.memory.handed)
-            p.leave_if(self.function(end, self.state, self.numbers, self.there), s.value)
-            again.value = self.disagrees(s.value, None)
-            with p.when(again.value):
-                # Rounding of the state at the end may explain the difference.
-                sizes = layout.dimension, layout.watched
-                function = self.function, self.numbers, self.tilts
-                p.call(event_noise.form(), *function, end, *sizes, self.state, self.there, self.blur, self.moved)
-                again.value = self.disagrees(s.value, self.blur)
-            s.value = p.choose(again.value, s.value * 0.5, s.value)
-            halvings.value = halvings.value + 1
-        p.leave(s.value)
-        return p.finish(REAL)
-
-    def disagrees(self, s: Real, blur: Memory | None) -> Flag:
-        """Return whether the sum of some series differs from its function at the end of a step."""
-        p, width, wrong = self.p, self.layout.width, self.p.variable(self.p.false, "wrong")
-        tolerance = p.larger(self.rtol, 2.0**-52)
-        first = self.memory.row(0).at(self.layout.watched_at)
-        with p.loop(0, self.layout.watched) as i:
-            series, total, most = first.at(i), p.variable(0.0, "total"), p.variable(0.0, "most")
-            power = p.variable(1.0, "power")
-            with p.loop(0, self.memory.order + 1) as k:
-                term = series[k * width] * power.value
-                total.value, most.value = total.value + term, p.magnitude(most.value, term)
-                power.value = power.value * s
-            noise = self.noise[i] if blur is None else self.noise[i] + blur[i]
-            allowed = EVENT_SLACK * p.fma(tolerance, most.value, noise)
-            wrong.value = wrong.value | ~(abs(total.value - self.there[i]) <= allowed)
-        found: Flag = wrong.value
-        return found
+@inline
+def some_disagrees(
+    s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
+) -> bool:
+    """Return whether the sum of some series differs from its function `there`, at the end of a step."""
+    tolerance, wrong = larger(rtol, 2.0**-52), False
+    first = row(work, 0, layout)[layout.watched_at :]
+    for i in range(layout.watched):
+        total, most, power = 0.0, 0.0, 1.0
+        for k in range(order + 1):
+            term = first[i:][k * layout.width] * power
+            total, most = total + term, magnitude(most, term)
+            power *= s
+        doubt = noise[i] if blur is None else noise[i] + blur[i]
+        allowed = EVENT_SLACK * fma(tolerance, most, doubt)
+        is_off = not abs(total - there[i]) <= allowed
+        wrong = wrong or is_off
+    return wrong

@@ -10,16 +10,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.algorithm.events.halving import sign_of
 from lagrange.algorithm.events.polynomial import approach, inverse_cubic, pad
 from lagrange.algorithm.events.scaling import is_plain, is_plain_step
 from lagrange.algorithm.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.algorithm.taylor.memory import BLOCK, SeriesMemory, TaylorLayout, work_array
-from lagrange.algorithm.taylor.watching import FUNCTION, NEAR, SIDES, SIGN, SMOOTH, STARTING, TERM_SUMS, Watched
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, PARTIAL, REAL, Array, Procedure
+from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout, row, work_type
+from lagrange.algorithm.taylor.watching import (
+    FUNCTION,
+    NEAR,
+    SIDES,
+    SIGN,
+    SMOOTH,
+    STARTING,
+    TERM_SUMS,
+    Watched,
+    moved_state,
+    own_numbers,
+    real_part,
+    setting,
+    side,
+    watched_type,
+)
+from lagrange.procedure.form import PARTIAL, Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -29,14 +44,14 @@ from lagrange.procedure.front.vocabulary import (
     each,
     fma,
     larger,
+    likely,
     magnitude,
     quotient,
     reals,
     record,
     smaller,
+    unrolled,
 )
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
 @procedure(
@@ -71,13 +86,12 @@ def event_noise(
         noise[i] = change if change < math.inf else 0.0
 
 
-def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> None:
+@inline
+def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any) -> None:
     """Write the noise of watched functions to the scratch memory, from their values there."""
-    kept, layout = watched.kept, watched.layout
-    function, sizes = (watched.values, numbers, watched.tilts), (layout.dimension, layout.watched)
-    watched.p.call(
-        event_noise.form(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved
-    )
+    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
+    sizes, moved = (layout.dimension, layout.watched), moved_state(watched, layout)
+    event_noise(watched.values, numbers, watched.tilts, t, *sizes, state, values, noise, moved)
 
 
 @procedure(apart=True)
@@ -319,7 +333,7 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
     return total == 0.0
 
 
-@procedure(doubtful=lambda: Array(room=BLOCK), work=lambda: Array(room=BLOCK))
+@procedure(doubtful=work_type, work=work_type)
 def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
     """Write 1 for each watched function that may vanish on a step of length s, else 0; return whether any may.
 
@@ -359,54 +373,38 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
     return square * fma(square, fma(s, c3, c2), fma(s, c1, c0))
 
 
-@shared
-def contradicts(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that tests whether the present series and that of the last step disagree on a side.
+@procedure(watched=watched_type, work=work_type)
+def contradicts(t: float, rtol: float, length: float, watched: Watched, work: Out, *, layout: TaylorLayout) -> bool:
+    """Return whether the present series and that of the last step, of this `length`, disagree on a side.
 
     Functions that may jump are excluded: their sign may change without a zero.
     """
-    return _Contradiction(layout).build()
+    is_doubted = False
+    for i in range(layout.watched):
+        is_other = changes_side(watched, work, i, length, layout)
+        is_doubted = is_doubted or is_other
+    if likely(not is_doubted):
+        return False
+    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
+    first = row(work, 0, layout)[layout.watched_at :]
+    for i in range(layout.watched):
+        values[i] = first[i]
+    write_noise(watched, own_numbers(watched), t, work, layout)
+    # The error of the state is its rounding times the ratio of tolerance to round-off.
+    slack = EVENT_SLACK * fma(rtol, 2.0**50, 1.0)
+    is_wrong = False
+    for i in range(layout.watched):
+        is_other = changes_side(watched, work, i, length, layout)
+        is_far = abs(values[i]) > slack * noise[i]
+        is_wrong = is_wrong or (is_other and is_far)
+    return is_wrong
 
 
-class _Contradiction:
-    """Builds the procedure."""
-
-    def __init__(self, layout: TaylorLayout) -> None:
-        self.p = p = Builder("contradicts", "Whether the signs of what is watched are not those that series gave.")
-        self.layout = layout
-        self.t, self.rtol, self.length = (p.given(name, REAL) for name in ("t", "rtol", "length"))
-        self.watched = Watched(p, layout)
-        self.memory = SeriesMemory(p, layout, work_array(p))
-
-    def build(self) -> Procedure:
-        p, watched = self.p, self.watched
-        doubt = p.variable(p.false, "doubt")
-        with p.loop(0, self.layout.watched) as i:
-            doubt.value = doubt.value | self.is_other(i)
-        p.leave_if(~doubt.value, p.false, likely=True)
-        values = watched.kept.reals("values")
-        with p.loop(0, self.layout.watched) as i:
-            values[i] = self.row(0, i)
-        write_noise(watched, watched.own_numbers, self.t, self.memory.work)
-        noise, found = watched.kept.reals("noise"), p.variable(p.false, "found")
-        # The error of the state is its rounding times the ratio of tolerance to round-off.
-        slack = EVENT_SLACK * p.fma(self.rtol, 2.0**50, 1.0)
-        with p.loop(0, self.layout.watched) as i:
-            found.value = found.value | (self.is_other(i) & (abs(values[i]) > slack * noise[i]))
-        p.leave(found.value)
-        return p.finish(FLAG)
-
-    def row(self, order: int, i: Whole) -> Real:
-        """Return a coefficient of a watched function."""
-        found: Real = self.memory.row(order).at(self.layout.watched_at)[i]
-        return found
-
-    def is_other(self, i: Whole) -> Flag:
-        """Return whether a function that cannot jump is on the other side, further than its slope explains."""
-        p, watched, value = self.p, self.watched, self.row(0, i)
-        before = watched.sides.at(self.layout.watched * (SIDES + STARTING))
-        settled = watched.side(NEAR)[i].equals(0) & ~watched.setting(SMOOTH, i).equals(0) & before[i].equals(0)
-        other = p.real(watched.side(SIGN)[i]) * value < 0.0
-        far = abs(value) > JUMP * abs(self.row(1, i)) * self.length
-        found: Flag = settled & other & far
-        return found
+@inline
+def changes_side(watched: Watched, work: In, i: int, length: float, layout: TaylorLayout) -> bool:
+    """Return whether a function that cannot jump is on the other side, further than its slope explains."""
+    value, slope = [row(work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
+    started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]
+    sign, smooth = side(watched, SIGN, layout)[i], setting(watched, SMOOTH, i, layout)
+    is_settled = near == 0 and smooth != 0 and started == 0
+    return is_settled and float(sign) * value < 0.0 and abs(value) > JUMP * abs(slope) * length

@@ -5,8 +5,6 @@ A machine that computes on blocks of numbers pads each vector to whole blocks; o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import whole_blocks
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
-from lagrange.procedure.values import Memory, Real, Whole
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
+from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, record
 from lagrange.program.series import SeriesProgram
 
 READ = Array(read=True)
@@ -29,40 +27,82 @@ Its arguments are the time, the scale of time, the state followed by its compens
 machine has prepared, the rows and the order. It returns whether a matrix is singular.
 """
 
-TAYLOR = Record.of(
-    "Taylor_state", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
-)
-"""The state of a run by Taylor series, in addition to `RUN` and `COUNTS`.
 
-    low          rounding error of the time (compensated summation)
-    scale        the unit of time of the series, signed
-    next_limit   bound of the next step, or infinity
-    limit        bound of all steps, set by rejected steps
-    rescalings   number of times that the series of this step was repeated in another unit of time
-    failures     consecutive steps rejected by the defect test
-    inspect      1 if the event functions must be inspected on the next step, whatever their bounds
-"""
+@record
+class Taylor:
+    """The state of a run by Taylor series, in addition to those of `Run` and `Counts`."""
 
-HELD = Record.of("Held", unproven=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
-"""The beginning of the last step: its time, rounding error of the time, scale, and length of the step.
+    low: float
+    """Rounding error of the time (compensated summation)."""
 
-`unproven` is 1 until the step has passed the defect test. The state at the beginning is kept in the work array.
-"""
+    scale: float
+    """The unit of time of the series, signed."""
+
+    next_limit: float
+    """Bound of the next step, or infinity."""
+
+    limit: float
+    """Bound of all steps, set by rejected steps."""
+
+    rescalings: int
+    """Number of times that the series of this step was repeated in another unit of time."""
+
+    failures: int
+    """Consecutive steps rejected by the defect test."""
+
+    inspect: int
+    """1 if the event functions must be inspected on the next step, whatever their bounds."""
 
 
-OUTPUTS = Record.of("Outputs", done=WHOLE, ahead=WHOLE)
-"""Number of output times with states: `done` on proven steps, and `ahead` including the last step.
+@record
+class Held:
+    """The beginning of the last step; the state there is kept in the work array."""
 
-The output times are sorted in the direction of the run, and end with NaN."""
+    unproven: int
+    """1 until the step has passed the defect test."""
 
+    t: float
+    low: float
+    """Rounding error of the time."""
+
+    scale: float
+    h: float
+    """Length of the step."""
+
+
+@record
+class OutputCounts:
+    """Number of output times with states. The times are sorted in the direction of the run, and end with NaN."""
+
+    done: int
+    """Number of those on proven steps."""
+
+    ahead: int
+    """Number including the last step."""
+
+
+TAYLOR, HELD, OUTPUTS = form_of(Taylor), form_of(Held), form_of(OutputCounts)
+"""The records in memory."""
 
 BLOCK = 8
 """Largest number of entries that are computed at once; the last block of a vector may be written as a whole."""
 
-SIZES = Record.of(
-    "Sizes", dimension=WHOLE, padded=WHOLE, width=WHOLE, watched=WHOLE, watched_at=WHOLE, scratch=WHOLE, chains=WHOLE
-)
-"""The sizes of a layout, for procedures that work for every layout; see `TaylorLayout`. `chains` is 1 or 0."""
+
+@record
+class Sizes:
+    """The sizes of a layout, for procedures that work for every layout; see `TaylorLayout`."""
+
+    dimension: int
+    padded: int
+    width: int
+    watched: int
+    watched_at: int
+    scratch: int
+    chains: int
+    """1 or 0."""
+
+
+SIZES = form_of(Sizes)
 
 
 class Offsets:
@@ -92,7 +132,8 @@ class Offsets:
         """Offset of the rows."""
         return self.padded * 5
 
-    def ahead(self, order: Any) -> Any:
+    @inline
+    def ahead(self, order: int) -> Any:
         """Return the offset of a second state and its rows, for evaluations along a step."""
         return (order + 1) * self.width + (self.rows + self.scratch)
 
@@ -138,6 +179,11 @@ class TaylorLayout(Offsets):
         return whole_blocks(self.dimension, self.block)
 
     @property
+    def loop(self) -> dict[str, Any]:
+        """Options of a loop over the entries of vectors, in blocks."""
+        return {"width": self.block, "spill": True, "unrolled": self.chains, "disjoint": True}
+
+    @property
     def moving(self) -> int:
         """The first entry of the first block that contains velocities."""
         return self.dimension // 2 // self.block * self.block
@@ -158,79 +204,68 @@ class TaylorLayout(Offsets):
         return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
 
 
+@dataclass(frozen=True)
 class RecordedLayout(Offsets):
-    """The sizes of a layout, from a record. A procedure reads them once, after its parameters."""
+    """The sizes of a layout while a procedure runs."""
 
-    dimension: Any
-    watched: Any
-    watched_at: Any
-    chains: Any
-
-    def __init__(self, record: Any) -> None:
-        self._record = record
-
-    def read(self) -> None:
-        """Read the sizes."""
-        for name in SIZES.places:
-            setattr(self, name, getattr(self._record, name).called(name))
+    dimension: int
+    padded: int
+    width: int
+    watched: int
+    watched_at: int
+    scratch: int
+    chains: int
 
 
-class SeriesMemory:
-    """The work array of a procedure, and the order of its series, which is the last argument and at least 4."""
-
-    def __init__(self, p: Builder, layout: Any, work: Memory) -> None:
-        self.p, self.layout, self.work = p, layout, work
-        self.order: Whole = p.given("order", WHOLE)
-
-    @property
-    def handed(self) -> tuple[Any, ...]:
-        """The last arguments for another procedure: the work array and the order."""
-        return self.work, self.order
-
-    def less(self, count: int) -> Whole:
-        """Return the order minus a number, at least 1."""
-        k: Whole = self.order - count
-        return self.p.larger(k, 1) if count > 1 else k
-
-    def minus_one_over(self, k: Whole) -> Real:
-        """Return -1 over an order."""
-        return -1.0 / self.p.real(k)
-
-    def row(self, k: Any) -> Memory:
-        """Return the coefficients of an order."""
-        return self.work.at(k * self.layout.width + self.layout.rows)
-
-    @contextmanager
-    def entries(self, start: int = 0) -> Iterator[Whole]:
-        """Loop over the entries of vectors from `start` on, in blocks."""
-        with entries(self.p, self.layout, start) as i:
-            yield i
-
-    def ratio(self, k: Any, weights: Memory) -> Real:
-        """Return the largest coefficient of a row relative to its tolerance, NaN if one is not finite."""
-        row = self.row(k)
-        with self.entries() as i:
-            largest = self.p.largest_magnitude(row[i] * weights[i])
-        return largest.value
+@inline
+def layout_of(sizes: Sizes) -> Any:
+    """Return the sizes of a record, each read once."""
+    vectors = sizes.dimension, sizes.padded, sizes.width
+    return RecordedLayout(*vectors, sizes.watched, sizes.watched_at, sizes.scratch, sizes.chains)
 
 
-@contextmanager
-def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]:
-    """Loop over the entries of vectors from `start` on, in blocks."""
-    with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=layout.chains) as i:
-        yield i
+def work_type() -> Array:
+    """Return the type of the work array."""
+    return Array(room=BLOCK)
 
 
-def work_array(p: Builder) -> Memory:
-    """Add the work array as a parameter, and return it."""
-    return p.array("work", room=BLOCK)
+def rows_type(layout: TaylorLayout) -> Array:
+    """Return the type of an array of states."""
+    return Array(room=layout.block)
 
 
-def weights_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
-    """Add the weights as a parameter, one over the tolerance of each entry of the state, and return them."""
-    return p.array("weights", size=layout.padded, room=layout.block, read=read)
+def weights_type(layout: TaylorLayout) -> Array:
+    """Return the type of the weights: one over the tolerance of each entry of the state."""
+    return Array(size=layout.padded, room=layout.block)
 
 
-def floors_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
-    """Add the floors as a parameter, the least tolerance of each entry of the state, and return them."""
-    return p.array("floors", size=layout.dimension, room=layout.block, read=read)
+def floors_type(layout: TaylorLayout) -> Array:
+    """Return the type of the floors: the least tolerance of each entry of the state."""
+    return Array(size=layout.dimension, room=layout.block)
+
+
+@inline
+def row(work: Any, k: int, layout: Any) -> Any:
+    """Return the coefficients of an order."""
+    return work[k * layout.width + layout.rows :]
+
+
+@inline
+def less(order: int, count: int) -> int:
+    """Return the order, which is at least 4, minus a number that is known, at least 1."""
+    return max(order - count, 1) if count > 1 else order - count
+
+
+@inline
+def minus_one_over(k: int) -> float:
+    """Return -1 over an order."""
+    return -1.0 / float(k)
+
+
+@inline
+def ratio(coefficients: In, weights: In, layout: TaylorLayout) -> float:
+    """Return the largest coefficient of a row relative to its tolerance, NaN if one is not finite."""
+    largest = 0.0
+    for i in each(layout.padded, **layout.loop):
+        largest = magnitude(largest, coefficients[i] * weights[i])
+    return largest

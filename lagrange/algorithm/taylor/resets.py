@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.algorithm.step.constants import EARLIEST
-from lagrange.algorithm.step.run import COUNTS
+from lagrange.algorithm.step.run import Counts
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.event_series import comparable_unit, start_of_series, write_noise
-from lagrange.algorithm.taylor.memory import JET, TAYLOR, SeriesMemory, work_array
+from lagrange.algorithm.taylor.memory import JET, Taylor, layout_of, work_type
 from lagrange.algorithm.taylor.watching import (
     COUNT,
     DIRECTION,
@@ -21,284 +22,251 @@ from lagrange.algorithm.taylor.watching import (
     SETTINGS,
     SIGN,
     STARTING,
+    Watch,
     Watched,
-    column,
+    copy_column,
+    is_event,
+    is_last,
+    new_entries,
+    own_numbers,
+    real_part,
+    setting,
+    side,
+    watched_type,
+    whole_part,
     write_event,
 )
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.front.building import Tracer
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Whole
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
 AT_REST = 4.0
 """Largest distance of an event function from zero after a reset, relative to that before it, that counts as zero."""
 
 
-@shared
-def sides_at_start() -> Procedure:
-    """Return the procedure that finds the sides at the start of a motion, and the functions that start at zero.
+@procedure(apart=True, watched=watched_type)
+def sides_at_start(
+    t: float,
+    scale: float,
+    rtol: float,
+    margin: float,
+    place: int,
+    numbers: In,
+    state: In,
+    series: In,
+    watched: Watched,
+    order: int,
+) -> bool:
+    """Find the sides at the start of a motion, and the functions that start at zero.
 
-    The event at index `place` counts as zero up to `margin`. The procedure returns False if it cannot decide: a series
+    The event at index `place` counts as zero up to `margin`. The result is False if that cannot be decided: a series
     is not finite, that event does not leave zero at once, or another function starts at zero. At the start of a run
     `place` is -1, and an event that does not reset the state may start at zero.
     """
-    p = Builder("sides_at_start", "Find the sides with which a motion begins.", apart=True)
-    t, scale, rtol, margin = (p.given(name, REAL) for name in ("t", "scale", "rtol", "margin"))
-    place = p.given("place", WHOLE)
-    numbers, state, series = (p.array(name, read=True) for name in ("numbers", "state", "series"))
-    watched, order = Watched(p), p.given("order", WHOLE)
-    layout, kept, count = watched.layout, watched.kept, order + 1
-    layout.read()
-    signs, starting = kept.wholes("begun"), kept.wholes("begun", 1)
-    c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
-    values, noise, first = kept.reals("values"), kept.reals("noise"), series.at(layout.watched_at)
-    with p.loop(0, size) as i:
+    layout, count = layout_of(watched.sizes), order + 1
+    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
+    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
+    c, first = reals(MOST_COEFFICIENTS + 1), series[layout.watched_at :]
+    for i in range(layout.watched):
         values[i] = first[i]
-    write_noise(watched, numbers, t, state)
-    unit = Tracer(p, ()).call(comparable_unit, t, scale)
-    tolerance = p.larger(rtol, 2.0**-52) * EVENT_SLACK
-    with p.loop(0, size) as i:
-        total = p.variable(0.0)
-        column(p, layout, series, i, count, c)
-        with p.loop(0, count) as k:
-            total.value = total.value + c[k] * 0.0
-        p.leave_if(~total.value.equals(0.0), p.false)
-        mine = i.equals(place).called("mine")
-        allowed = p.choose(mine, p.larger(noise[i], margin), noise[i])
-        sign, order = p.call(start_of_series.form(), c, count, unit, tolerance, noise[i], allowed)
-        turned = (watched.setting(RESET_SIZE, i) > 0) & sign.equals(watched.setting(DIRECTION, i))
-        quiet = watched.is_event(i) & watched.setting(ROOT, i).equals(0) & ~turned
-        p.leave_if(~order.equals(0) & ~((mine & order.equals(1)) | ((place < 0) & quiet)), p.false)
-        signs[i], starting[i] = sign, order
-    p.leave(p.true)
-    return p.finish(FLAG)
+    write_noise(watched, numbers, t, state, layout)
+    unit = comparable_unit(t, scale)
+    tolerance = larger(rtol, 2.0**-52) * EVENT_SLACK
+    for i in range(layout.watched):
+        total = 0.0
+        copy_column(series, i, count, c, layout)
+        for k in range(count):
+            total += c[k] * 0.0
+        if total != 0.0:
+            return False
+        is_own, doubt = i == place, noise[i]
+        allowed = larger(doubt, margin) if is_own else doubt
+        sign, leading = start_of_series(c, count, unit, tolerance, doubt, allowed)
+        turns = setting(watched, RESET_SIZE, i, layout) > 0 and sign == setting(watched, DIRECTION, i, layout)
+        is_quiet = is_event(watched, i) and setting(watched, ROOT, i, layout) == 0 and not turns
+        if leading != 0 and not ((is_own and leading == 1) or (place < 0 and is_quiet)):
+            return False
+        signs[i], starting[i] = sign, leading
+    return True
 
 
-@shared
-def begin_sides() -> Procedure:
-    """Return the procedure that finds the first sides of a run, and returns whether that succeeded."""
-    p = Builder("begin_sides", "Find the sides at the beginning, and return whether that was done.", apart=True)
-    t, scale, rtol = (p.given(name, REAL) for name in ("t", "scale", "rtol"))
-    watched = Watched(p)
-    memory = SeriesMemory(p, watched.layout, work_array(p))
-    watched.layout.read()
-    series = memory.work.at(watched.layout.rows)
-    given = watched.own_numbers, memory.work, series
-    found = p.call(sides_at_start(), t, scale, rtol, 0.0, -1, *given, *watched.handed, memory.order)
-    with p.when(found):
-        put_sides(watched)
-        watched.record.fresh = 0
-    p.leave(found)
-    return p.finish(FLAG)
+@procedure(apart=True, watched=watched_type, work=work_type)
+def begin_sides(t: float, scale: float, rtol: float, watched: Watched, work: Out, order: int) -> bool:
+    """Find the first sides of a run, and return whether that was done."""
+    layout = layout_of(watched.sizes)
+    numbers, series = own_numbers(watched), work[layout.rows :]
+    is_done = sides_at_start(t, scale, rtol, 0.0, -1, numbers, work, series, watched, order)
+    if is_done:
+        put_sides(watched, layout)
+        watched.watch.fresh = 0
+    return is_done
 
 
-def put_sides(watched: Watched) -> None:
+@inline
+def put_sides(watched: Watched, layout: Any) -> None:
     """Write the sides at the beginning of a motion, from the results of `sides_at_start`."""
-    signs, starting = (watched.kept.wholes("begun", number) for number in (0, 1))
-    sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
-    with watched.p.loop(0, watched.count) as i:
-        for side, value in zip(sides, (signs[i], 0, starting[i]), strict=True):
-            side[i] = value
+    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
+    for i in range(layout.watched):
+        side(watched, SIGN, layout)[i], side(watched, NEAR, layout)[i] = signs[i], 0
+        side(watched, STARTING, layout)[i] = starting[i]
 
 
-@shared
-def reset_state() -> Procedure:
-    """Return the procedure that applies the reset due at the state, if the motion then leaves zero at once.
+@inline
+def just_changed(t: float, watch: Watch) -> bool:
+    """Return whether the motion just changed: changes may accumulate, and are left to the caller."""
+    return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
-    It returns whether that was done. If not, nothing has changed.
+
+@procedure(apart=True, jet=lambda: JET, watched=watched_type, work=work_type)
+def reset_state(
+    jet: Callable[..., Any],
+    prepared: In,
+    constants: In,
+    t: float,
+    rtol: float,
+    counts: Counts,
+    taylor: Taylor,
+    times: Out,
+    rows: Out,
+    watched: Watched,
+    work: Out,
+    order: int,
+) -> bool:
+    """Apply the reset due at the state, if the motion then leaves zero at once, and return whether that was done.
+
+    If not, nothing has changed.
     """
-    return _Reset().build()
+    layout, watch = layout_of(watched.sizes), watched.watch
+    if just_changed(t, watch):
+        return False
+    place = watch.due - 1
+    number = side(watched, COUNT, layout)[place] + 1
+    if watch.checked != 0 or setting(watched, RESET_SIZE, place, layout) == 0:
+        return False
+    if is_last(watched, place, number, layout) or watch.done >= watch.room:
+        return False
+    there = work[layout.ahead(order) :]
+    for i in range(layout.padded):
+        there[i], there[i + layout.lost] = work[i], 0.0
+    results = new_entries(watched, layout)
+    if watched.resets(t, work, watched.reset_numbers, results):
+        return False
+    first, size = setting(watched, RESET_AT, place, layout), setting(watched, RESET_SIZE, place, layout)
+    entries = watched.settings[layout.watched * SETTINGS :]
+    for j in range(first, first + size):
+        there[entries[j]] = results[j]
+        if not abs(results[j]) < math.inf:
+            return False
+    series = there[layout.rows :]
+    if jet(t, taylor.scale, there, prepared, constants, series, order):
+        return False
+    if not sides_after_reset(t, taylor.scale, rtol, place, there, watched, work, order):
+        return False
+    state = write_event(watched, watch.done, t, place, layout)
+    for i in range(layout.dimension):
+        state[i] = work[i]
+    watch.done += 1
+    watch.ahead, watch.due = watch.done, 0
+    watch.changed, watch.changed_at = t, place
+    watch.jumps += 1
+    side(watched, COUNT, layout)[place] = number
+    put_sides(watched, layout)
+    for i in range(layout.padded * 2):
+        work[i] = there[i]
+    taylor.low, taylor.next_limit, taylor.inspect = 0.0, math.inf, 1
+    if counts.record != 0:
+        row = counts.rows
+        times[row] = t
+        for i in range(layout.dimension):
+            rows[row * layout.dimension :][i] = there[i]
+        counts.rows = row + 1
+    return True
 
 
-class DueChange:
-    """Base of builders whose procedures change the motion at the end of a step: arguments, and the early return.
+@procedure(watched=watched_type, there=work_type, work=work_type)
+def sides_after_reset(
+    t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched, work: Out, order: int
+) -> bool:
+    """Find the sides after a reset by the event at index `place`, which alone may start at zero there.
 
-    With `writes_row` the procedure also gets the arrays of recorded times and states.
+    An event that the reset leaves unchanged keeps its side; see `lagrange.trajectory.events.motion_start`. One that
+    came near zero may have touched it: then the result is False, and the caller handles the reset.
     """
-
-    def __init__(self, name: str, about: str, *, writes_row: bool) -> None:
-        self.p = p = Builder(name, about, apart=True)
-        self.jet = p.function("jet", JET)
-        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
-        self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.taylor: Any = p.record("taylor", TAYLOR)
-        if writes_row:
-            self.times, self.rows = p.array("times"), p.array("rows")
-        self.watched = Watched(p)
-        self.layout = self.watched.layout
-        self.memory = SeriesMemory(p, self.layout, work_array(p))
-        self.work = self.memory.work
-        self.layout.read()
-
-    def due(self) -> Whole:
-        """Return the index of the function that is due. Leave if the motion just changed: changes may accumulate."""
-        p, record = self.p, self.watched.record
-        since = abs(self.t - record.changed)
-        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
-        place: Whole = (record.due - 1).called("place")
-        return place
-
-    def leave_if(self, condition: Flag) -> None:
-        """Return False on a condition, so that the caller handles the change."""
-        self.p.leave_if(condition, self.p.false)
+    layout, watch = layout_of(watched.sizes), watched.watch
+    series, old = there[layout.rows :], work[layout.rows + layout.watched_at :]
+    margin = abs(old[place]) * AT_REST
+    numbers = own_numbers(watched)
+    if not sides_at_start(t, scale, rtol, margin, place, numbers, there, series, watched, order):
+        return False
+    signs, noise = whole_part(watched, "begun", layout), real_part(watched, "noise", layout)
+    for i in range(watch.surfaces):
+        if signs[i] != side(watched, SIGN, layout)[i]:
+            return False
+    for i in range(watch.surfaces, layout.watched):
+        sign, root = side(watched, SIGN, layout)[i], setting(watched, ROOT, i, layout)
+        stays = abs(series[layout.watched_at :][i] - old[i]) <= noise[i] and sign != 0 and i != place and root == 0
+        if stays:
+            if side(watched, NEAR, layout)[i] != 0:
+                return False
+            signs[i] = sign
+    return True
 
 
-class _Reset(DueChange):
-    """Builds the procedure."""
+@procedure(apart=True, jet=lambda: JET, watched=watched_type, work=work_type)
+def cross_surface(
+    jet: Callable[..., Any],
+    prepared: In,
+    constants: In,
+    t: float,
+    rtol: float,
+    counts: Counts,
+    taylor: Taylor,
+    watched: Watched,
+    work: Out,
+    order: int,
+) -> bool:
+    """Cross the surface due at the state, if the motion leaves to the other side at once and touches no other surface.
 
-    def __init__(self) -> None:
-        super().__init__("reset_state", "Reset the state at an event, if possible.", writes_row=True)
-
-    def build(self) -> Procedure:
-        p, layout, record = self.p, self.layout, self.watched.record
-        place = self.due()
-        number = (self.watched.side(COUNT)[place] + 1).called("number")
-        self.leave_if(~record.checked.equals(0))
-        self.leave_if(self.watched.setting(RESET_SIZE, place).equals(0) | self.watched.is_last(place, number))
-        self.leave_if(record.done >= record.room)
-        there = self.work.at(p.whole(layout.ahead(self.memory.order)))
-        self.write_new_state(place, there)
-        series = there.at(layout.rows)
-        numbers = self.prepared, self.constants
-        self.leave_if(self.jet(self.t, self.taylor.scale, there, *numbers, series, self.memory.order))
-        self.find_sides(place, there, series)
-        self.commit(place, number, there)
-        p.leave(p.true)
-        return p.finish(FLAG)
-
-    def write_new_state(self, place: Whole, there: Memory) -> None:
-        """Write the state after the reset, with a compensation of zero."""
-        p, layout, watched = self.p, self.layout, self.watched
-        with p.loop(0, layout.padded) as i:
-            there[i], there[i + layout.lost] = self.work[i], 0.0
-        given = watched.kept.new_entries
-        self.leave_if(watched.resets(self.t, self.work, watched.reset_numbers, given))
-        first, size = watched.setting(RESET_AT, place), watched.setting(RESET_SIZE, place)
-        entries = watched.settings.at(layout.watched * SETTINGS)
-        with p.loop(first, first + size) as j:
-            there[entries[j]] = given[j]
-            self.leave_if(~(abs(given[j]) < math.inf))
-
-    def find_sides(self, place: Whole, there: Memory, series: Memory) -> None:
-        """Find the sides after the reset. Only the event itself may start at zero there."""
-        p, layout, watched = self.p, self.layout, self.watched
-        before = abs(self.work[place + (layout.rows + layout.watched_at)]) * AT_REST
-        numbers = self.t, self.taylor.scale, self.rtol, before, place
-        given = watched.own_numbers, there, series, *watched.handed, self.memory.order
-        self.leave_if(~p.call(sides_at_start(), *numbers, *given))
-        signs, sides = watched.kept.wholes("begun"), watched.side(SIGN)
-        with p.loop(0, watched.record.surfaces) as i:
-            self.leave_if(~signs[i].equals(sides[i]))
-        with p.loop(watched.record.surfaces, layout.watched) as i:
-            self.keep_side(i, place, series)
-
-    def keep_side(self, i: Whole, place: Whole, series: Memory) -> None:
-        """Keep the side of an event that the reset leaves unchanged; see `lagrange.trajectory.events.motion_start`.
-
-        An event that came near zero may have touched it, which the caller handles.
-        """
-        p, watched, at = self.p, self.watched, self.layout.watched_at
-        sign, near = watched.side(SIGN)[i], watched.side(NEAR)[i]
-        signs, noise = watched.kept.wholes("begun"), watched.kept.reals("noise")
-        stays = abs(series[i + at] - self.work[i + (self.layout.rows + at)]) <= noise[i]
-        stays = stays & ~sign.equals(0) & ~i.equals(place) & watched.setting(ROOT, i).equals(0)
-        self.leave_if(stays & ~near.equals(0))
-        signs[i] = p.choose(stays, sign, signs[i])
-
-    def commit(self, place: Whole, number: Whole, there: Memory) -> None:
-        """Write the event and the new state, and begin a motion there."""
-        p, layout, watched, record = self.p, self.layout, self.watched, self.watched.record
-        state = write_event(watched, record.done, self.t, place)
-        with p.loop(0, layout.dimension) as i:
-            state[i] = self.work[i]
-        record.done = record.done + 1
-        record.ahead, record.due = record.done, 0
-        record.changed, record.changed_at = self.t, place
-        record.jumps = record.jumps + 1
-        watched.side(COUNT)[place] = number
-        put_sides(watched)
-        with p.loop(0, layout.padded * 2) as i:
-            self.work[i] = there[i]
-        self.taylor.low, self.taylor.next_limit, self.taylor.inspect = 0.0, math.inf, 1
-        with p.when(~self.counts.record.equals(0)):
-            row = self.counts.rows
-            self.times[row] = self.t
-            target = self.rows.at(row * layout.dimension)
-            with p.loop(0, layout.dimension) as i:
-                target[i] = there[i]
-            self.counts.rows = row + 1
-
-
-@shared
-def cross_surface() -> Procedure:
-    """Return the procedure that crosses the surface due at the state, if the motion leaves to the other side at once.
-
-    It returns whether that was done. If not, nothing has changed.
+    The result tells whether that was done. If not, nothing has changed.
     """
-    return _Crossing().build()
-
-
-class _Crossing(DueChange):
-    """Builds the procedure."""
-
-    def __init__(self) -> None:
-        about = "Go on with the other side of a surface, if possible."
-        super().__init__("cross_surface", about, writes_row=False)
-
-    def build(self) -> Procedure:
-        p, record = self.p, self.watched.record
-        place = self.due()
-        self.leave_if(record.combination < 0)
-        self.leave_if(record.switches >= record.room)
-        other = self.other_side(place)
-        numbers = self.watched.combinations[other].called("numbers")
-        self.leave_if(numbers < 0)
-        self.leave_unless_consistent(place, numbers)
-        self.commit(place, other, numbers)
-        p.leave(p.true)
-        return p.finish(FLAG)
-
-    def other_side(self, place: Whole) -> Whole:
-        """Return the combination of sides with the other side of a surface, as a binary number: 1 is above."""
-        p, record = self.p, self.watched.record
-        power = p.variable(1)
-        with p.loop(0, place):
-            power.value = power.value * 2
-        combination = record.combination
-        above = combination // power.value - (combination // (power.value * 2)) * 2
-        self.leave_if(~record.direction.equals(1 - above * 2))
-        found: Whole = combination + (1 - above * 2) * power.value
-        return found
-
-    def leave_unless_consistent(self, place: Whole, numbers: Whole) -> None:
-        """Leave unless the motion with the other side goes there, and touches no other surface."""
-        p, layout, watched, work = self.p, self.layout, self.watched, self.work
-        there = work.at(p.whole(layout.ahead(self.memory.order)))
-        with p.loop(0, layout.padded * 2) as i:
-            there[i] = work[i]
-        series, scale = there.at(layout.rows), self.taylor.scale
-        own = self.prepared.at(numbers), self.constants.at(numbers)
-        self.leave_if(self.jet(self.t, scale, there, *own, series, self.memory.order))
-        given = watched.value_numbers.at(numbers), there, series, *watched.handed, self.memory.order
-        self.leave_if(~p.call(sides_at_start(), self.t, scale, self.rtol, math.inf, place, *given))
-        signs, starting = (watched.kept.wholes("begun", number) for number in (0, 1))
-        self.leave_if(~starting[place].equals(1))
-        with p.loop(0, watched.record.surfaces) as i:
-            expected = p.choose(i.equals(place), watched.record.direction, watched.side(SIGN)[i])
-            self.leave_if(~signs[i].equals(expected))
-
-    def commit(self, place: Whole, other: Whole, numbers: Whole) -> None:
-        """Continue with the other side, and write the row after which it holds."""
-        p, watched, record = self.p, self.watched, self.watched.record
-        record.combination, record.numbers = other, numbers
-        slot: Whole = record.switches
-        watched.switch_rows[slot], watched.switch_combinations[slot] = self.counts.steps + record.jumps, other
-        record.switches = slot + 1
-        starting: Memory = watched.side(STARTING)
-        with p.loop(0, self.layout.watched) as i:
-            starting[i] = p.whole(i.equals(place))
-        watched.side(SIGN)[place], watched.side(NEAR)[place] = record.direction, 0
-        record.changed, record.changed_at, record.due = self.t, place, 0
-        self.taylor.next_limit, self.taylor.inspect = math.inf, 1
+    layout, watch = layout_of(watched.sizes), watched.watch
+    if just_changed(t, watch):
+        return False
+    place, combination, direction = watch.due - 1, watch.combination, watch.direction
+    if combination < 0 or watch.switches >= watch.room:
+        return False
+    power = 1
+    for _ in range(place):
+        power *= 2
+    above = quotient(combination, power) - quotient(combination, power * 2) * 2
+    if direction != 1 - above * 2:
+        return False
+    other = combination + (1 - above * 2) * power
+    numbers = watched.combinations[other]
+    if numbers < 0:
+        return False
+    there = work[layout.ahead(order) :]
+    for i in range(layout.padded * 2):
+        there[i] = work[i]
+    series, scale = there[layout.rows :], taylor.scale
+    if jet(t, scale, there, prepared[numbers:], constants[numbers:], series, order):
+        return False
+    others = watched.value_numbers[numbers:]
+    if not sides_at_start(t, scale, rtol, math.inf, place, others, there, series, watched, order):
+        return False
+    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
+    if starting[place] != 1:
+        return False
+    for i in range(watch.surfaces):
+        before = side(watched, SIGN, layout)[i]
+        if signs[i] != (direction if i == place else before):
+            return False
+    watch.combination, watch.numbers = other, numbers
+    slot = watch.switches
+    watched.switch_rows[slot], watched.switch_combinations[slot] = counts.steps + watch.jumps, other
+    watch.switches = slot + 1
+    for i in range(layout.watched):
+        side(watched, STARTING, layout)[i] = int(i == place)
+    side(watched, SIGN, layout)[place], side(watched, NEAR, layout)[place] = direction, 0
+    watch.changed, watch.changed_at, watch.due = t, place, 0
+    taylor.next_limit, taylor.inspect = math.inf, 1
+    return True

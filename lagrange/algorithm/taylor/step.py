@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import project
 from lagrange.algorithm.step.constants import EARLIEST, NEAR_END, SPACING
@@ -21,222 +21,176 @@ from lagrange.algorithm.taylor.constants import (
 from lagrange.algorithm.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.algorithm.taylor.event_series import doubtful_events
 from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, inspect_step
-from lagrange.algorithm.taylor.memory import BLOCK, TAYLOR, TaylorLayout
+from lagrange.algorithm.taylor.memory import BLOCK, Taylor, TaylorLayout
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import ends, logarithm, power, raise_floors
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
-from lagrange.algorithm.taylor.watching import Arguments, Watched, restore_sides
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Real
+from lagrange.algorithm.taylor.watching import Arguments, arguments, is_event, numbers_of, restore_sides
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import larger, nearest, reals, smaller, two_to, unlikely
 
 
-@shared
-def take_step(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that takes a step, or changes its scale or limit; PAUSED if the run continues."""
-    return _TaylorStep(layout).build()
+@procedure(given=arguments)
+def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
+    """Take a step, or change its scale or its limit, and return an outcome: PAUSED if the run continues.
+
+    `exponent` is the binary logarithm of the step that the series allows, in its scale.
+    """
+    run, taylor, held, outputs = given.run, given.taylor, given.held, given.outputs
+    work, order, watched = given.work, given.order, given.watched
+    t, low, scale = run.t, taylor.low, taylor.scale
+    left = (run.end - t) - low
+    is_ending = ends(order, exponent)
+    if watched is not None:
+        if unlikely(watched.watch.fresh != 0 and not begin_sides(t, scale, run.rtol, watched, work, order)):
+            return Outcome.WATCHED
+        outcome = change_motion(given, t, layout)
+        if unlikely(outcome != Outcome.DONE):
+            return outcome
+    reach = logarithm(smaller(abs(left), run.longest) / abs(scale))
+    if unlikely(not fits(given, exponent, reach, is_ending)):
+        return rescale(taylor, exponent, reach, is_ending)
+    # Operations that do not need the coefficients come first: processors run them before the last one is available.
+    inverse = 1.0 / abs(scale)
+    whole_way = abs(left) * inverse
+    own = smaller(run.longest, taylor.limit)
+    bound = smaller(smaller(own, taylor.next_limit) * inverse, whole_way)
+    spacing = larger(abs(t), EARLIEST) * SPACING
+    natural, whole = power(exponent)
+    is_bounded = natural * NEAR_END >= bound
+    s = bound if is_bounded else natural
+    final = is_bounded and bound == whole_way
+    if unlikely(smaller(natural, own * inverse) < spacing * inverse and not final):
+        return Outcome.STEP_TOO_SMALL
+    h = left if final else s * scale
+    run.h = h
+    if watched is not None:
+        cause, taken = inspected(given, t, low, scale, s, left, final, layout)
+        if unlikely(cause != Outcome.DONE):
+            return cause
+        is_whole = taken == s
+        h = h if is_whole else taken * scale
+        final = final and is_whole
+        s = taken
+        run.h = h
+    # A series that terminates may not satisfy the equations along a longer step; an event may have shortened it enough.
+    is_longer = abs(h) > STEP_GROWTH * abs(held.h)
+    if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
+        numbers = numbers_of(given, layout)
+        if not defect_along_step(given.jet, *numbers, run.rtol, given.floors, t, scale, s, work, order, layout=layout):
+            retry_shorter(given.counts, taylor, h)
+            if watched is not None:
+                restore_sides(watched, layout)
+            return Outcome.PAUSED
+    raise_floors(run.share, given.floors, work, layout=layout)
+    # A series that terminates does not estimate the next one.
+    longer = two_to(int(0.0 if whole > LARGEST_SCALE_RATIO else whole))
+    if unlikely(not advance(s, longer, work, order, layout=layout)):
+        return Outcome.NON_FINITE
+    held.t, held.low, held.scale, held.h = t, low, scale, h
+    held.unproven = 1
+    move_on(given, t, h + low, final)
+    if layout.projected:
+        state, lost = work[0:], work[layout.lost :]
+        numbers = given.projection, given.projection_numbers
+        outcome, _ = project(*numbers, run.t, state, lost, dimension=layout.dimension, block=layout.block)
+        if unlikely(outcome == Outcome.UNPROJECTED):
+            if retries_exhausted(taylor):
+                return outcome
+            reject_step(run, given.counts, taylor, held, work, layout=layout)
+            if watched is not None:
+                restore_sides(watched, layout)
+            return Outcome.PAUSED
+    end = run.t
+    outputs.ahead = outputs.done
+    if unlikely(outstanding(given.output_times, outputs.done, end, scale)):
+        write_outputs(end, held, outputs, given.output_times, given.output_states, work, order, layout=layout)
+    taylor.scale = scale * longer
+    return Outcome.PAUSED
 
 
-class _TaylorStep:
-    """Builds the procedure; `exponent` is the binary logarithm of the step that the series allows, in its scale."""
+@inline
+def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
+    """Return whether the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-    def __init__(self, layout: TaylorLayout) -> None:
-        self.p = p = Builder("take_step", "Take a step, or prepare another try, and return an outcome.")
-        self.given = given = Arguments(p, layout, exponent=REAL)
-        self.layout, self.series = layout, given.series
-        self.run, self.counts, self.taylor, self.held = given.run, given.counts, given.taylor, given.held
-        self.exponent: Real = given.own[0]
-        self.t: Real = self.run.t.called("t")
-        self.low: Real = self.taylor.low.called("low")
-        self.scale: Real = self.taylor.scale.called("scale")
-        self.left = ((self.run.end - self.t) - self.low).called("left")
-        self.ends = ends(self.series, self.exponent).called("ends")
-
-    def build(self) -> Procedure:
-        p = self.p
-        if self.given.watched:
-            self.begin(self.given.watched)
-            self.reset(self.given.watched)
-        longest = p.smaller(abs(self.left), self.run.longest)
-        reach = p.call(logarithm(), longest / abs(self.scale)).called("reach")
-        with p.when(~self.fits(reach), likely=False):
-            p.leave(p.call(rescale(), self.taylor, self.exponent, reach, self.ends))
-        s, whole, final = self.length()
-        h = p.choose(final, self.left, s * self.scale).called("h")
-        self.run.h = h
-        if self.given.watched:
-            s, h, final = self.inspect(self.given.watched, s, h, final)
-        self.probe(s, h)
-        p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
-        # A series that terminates does not estimate the next one.
-        whole = p.choose(whole > LARGEST_SCALE_RATIO, 0.0, whole)
-        longer = p.operation("two_to", p.whole(whole)).called("longer")
-        p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
-        self.move_on(h, final)
-        if self.layout.projected:
-            self.project()
-        self.write_outputs()
-        self.taylor.scale = self.scale * longer
-        p.leave(Outcome.PAUSED)
-        return p.finish(WHOLE)
-
-    def fits(self, reach: Real) -> Flag:
-        """Return whether the step is near the scale of time, so that all coefficients are in the range of doubles.
-
-        A series that terminates fits if the scale is as long as any step may be. After `MOST_RESCALINGS` changes any
-        scale is accepted.
-        """
-        p, exponent, tries = self.p, self.exponent, self.taylor.rescalings
-        first = (self.counts.steps + tries).equals(0)
-        near = abs(exponent) < p.choose(first, FIRST_SCALE_RATIO, LARGEST_SCALE_RATIO)
-        whole = self.ends & (reach < 1.0)
-        found: Flag = near | whole | ((tries >= MOST_RESCALINGS) & exponent.equals(exponent))
-        return found
-
-    def length(self) -> tuple[Real, Real, Flag]:
-        """Return the step in units of the scale, its natural exponent rounded, and whether it is the last.
-
-        Operations that do not need the coefficients come first: processors run them before the last coefficient is
-        available.
-        """
-        p, run, taylor = self.p, self.run, self.taylor
-        inverse = (1.0 / abs(self.scale)).called("inverse")
-        whole_way = (abs(self.left) * inverse).called("whole_way")
-        own = p.smaller(run.longest, taylor.limit).called("own")
-        bound = p.smaller(p.smaller(own, taylor.next_limit) * inverse, whole_way).called("bound")
-        spacing = p.larger(abs(self.t), EARLIEST) * SPACING
-        natural, whole = p.call(power(), self.exponent)
-        natural.called("natural"), whole.called("whole")
-        bounded = natural * NEAR_END >= bound
-        s = p.choose(bounded, bound, natural).called("s")
-        final: Flag = (bounded & bound.equals(whole_way)).called("final")
-        wanted = p.smaller(natural, own * inverse)
-        p.leave_if((wanted < spacing * inverse) & ~final, Outcome.STEP_TOO_SMALL, likely=False)
-        return s, whole, final
-
-    def probe(self, s: Real, h: Real) -> None:
-        """Try a shorter step if a terminating series does not satisfy the equations along a longer one.
-
-        An event may have shortened the step enough. Otherwise the results of the inspection are undone.
-        """
-        p, run, series = self.p, self.run, self.series
-        with p.when(
-            self.ends & (abs(h) > STEP_GROWTH * abs(self.held.h)) & ~retries_exhausted(self.taylor), likely=False
-        ):
-            jet = self.given.jet, *self.given.numbers
-            numbers = run.rtol, self.given.floors, self.t, self.scale, s
-            with p.when(~p.call(defect_along_step(self.layout), *jet, *numbers, *series.handed)):
-                p.call(retry_shorter(), self.counts, self.taylor, h)
-                if self.given.watched:
-                    restore_sides(self.given.watched)
-                p.leave(Outcome.PAUSED)
-
-    def begin(self, watched: Watched) -> None:
-        """Find the sides where a motion begins, before the scale of time is fitted to its step."""
-        p = self.p
-        with p.when(~watched.record.fresh.equals(0), likely=False):
-            numbers = self.t, self.scale, self.run.rtol
-            begun = p.call(begin_sides(), *numbers, *watched.handed, *self.series.handed)
-            p.leave_if(~begun, Outcome.WATCHED)
-
-    def reset(self, watched: Watched) -> None:
-        """Apply the reset or crossing that is due at the state, if that can be done here."""
-        p, given, record = self.p, self.given, watched.record
-        if self.layout.observes:
-            p.leave_if(~record.due.equals(0), Outcome.WATCHED, likely=False)
-            return
-        with p.when(~record.due.equals(0) & ~record.enabled.equals(0), likely=False):
-            records, kept = (self.t, self.run.rtol, self.counts, self.taylor), (*watched.handed, *self.series.handed)
-            done = p.variable(p.false, "done")
-            with p.when(watched.is_event(record.due - 1)) as ways:
-                written = given.times, given.rows
-                done.value = p.call(reset_state(), given.jet, *given.numbers, *records, *written, *kept)
-            with ways.otherwise():
-                jet = given.jet, given.prepared, given.constants
-                done.value = p.call(cross_surface(), *jet, *records, *kept)
-            p.leave_if(done.value, Outcome.PAUSED)
-
-    def inspect(self, watched: Watched, s: Real, h: Real, final: Flag) -> tuple[Real, Real, Flag]:
-        """Find zeros on the step; return its new length, in both units, and whether it is the last.
-
-        Return to the caller if that cannot be decided here.
-        """
-        p, series = self.p, self.series
-        doubtful = p.reserve(self.layout.watched, room=BLOCK, name="doubtful")
-        every = ~self.taylor.inspect.equals(0)
-        some: Flag = p.call(doubtful_events.form(layout=self.layout), s, every, doubtful, *series.handed)
-        taken = p.variable(s, "taken")
-        with p.when(some & self.taylor.next_limit.equals(math.inf), likely=False):
-            record = watched.record
-            here = ~record.enabled.equals(0) & record.due.equals(0) & (record.planned <= self.counts.steps)
-            p.leave_if(~here, Outcome.WATCHED)
-            numbers = self.t, self.low, self.scale, self.run.rtol, s, self.left, final
-            given = *numbers, doubtful, self.taylor, *watched.handed, *series.handed
-            answer, shorter = p.call(inspect_step(), *given)
-            p.leave_if(answer.equals(WAIT), Outcome.PAUSED)
-            p.leave_if(~answer.equals(GO_ON), Outcome.WATCHED)
-            taken.value = shorter
-        whole: Flag = taken.value.equals(s)
-        length = p.choose(whole, h, taken.value * self.scale)
-        self.run.h = length
-        return taken.value, length, final & whole
-
-    def move_on(self, h: Real, final: Flag) -> None:
-        """Advance the time with compensation, and store the beginning of the step."""
-        p, run, taylor, held = self.p, self.run, self.taylor, self.held
-        held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
-        held.unproven = 1
-        added = h + self.low
-        total = self.t + added
-        back = total - self.t
-        lost = (self.t - (total - back)) + (added - back)
-        run.t = p.choose(final, run.end, total)
-        taylor.low = p.choose(final, 0.0, lost)
-        taylor.next_limit = math.inf
-        taylor.rescalings = 0
-
-    def project(self) -> None:
-        """Project the compensated state onto the constraints; if that fails, try a shorter step."""
-        p, layout, work = self.p, self.layout, self.series.work
-        state, lost = work.at(0), work.at(layout.lost)
-        outcome, _ = p.call(
-            project.form(dimension=layout.dimension, block=layout.block),
-            *self.given.projection,
-            self.run.t,
-            state,
-            lost,
-        )
-        with p.when(outcome.equals(Outcome.UNPROJECTED), likely=False):
-            p.leave_if(retries_exhausted(self.taylor), outcome)
-            p.call(reject_step(layout), self.run, self.counts, self.taylor, self.held, work)
-            if self.given.watched:
-                restore_sides(self.given.watched)
-            p.leave(Outcome.PAUSED)
-
-    def write_outputs(self) -> None:
-        """Write the states at the output times on the step, if there are any."""
-        p, given, outputs, end = self.p, self.given, self.given.outputs, self.run.t
-        outputs.ahead = outputs.done
-        with p.when(outstanding(given.output_times, outputs.done, end, self.scale), likely=False):
-            p.call(write_outputs(self.layout), end, self.held, *given.output, *self.series.handed)
+    A series that terminates fits if the scale is as long as any step may be. After `MOST_RESCALINGS` changes any
+    scale is accepted.
+    """
+    tries = given.taylor.rescalings
+    is_first = given.counts.steps + tries == 0
+    is_near = abs(exponent) < (FIRST_SCALE_RATIO if is_first else LARGEST_SCALE_RATIO)
+    is_number = exponent == exponent
+    return is_near or (is_ending and reach < 1.0) or (tries >= MOST_RESCALINGS and is_number)
 
 
-@shared
-def rescale() -> Procedure:
-    """Return the procedure that changes the scale of time to the step's own, for another series.
+@procedure(apart=True)
+def rescale(taylor: Taylor, exponent: float, reach: float, terminates: bool) -> Outcome:
+    """Change the scale of time to the step's own, for another series, and return an outcome.
 
     The scale becomes shorter if a coefficient overflowed, and longer, up to the longest step, if the last coefficients
     are zero.
     """
-    p = Builder("rescale", "Choose another scale of time, and return an outcome.", apart=True)
-    taylor: Any = p.record("taylor", TAYLOR)
-    exponent, reach, terminates = p.given("exponent", REAL), p.given("reach", REAL), p.given("terminates", FLAG)
     tries, scale = taylor.rescalings, taylor.scale
-    p.leave_if((tries >= MOST_RESCALINGS) | (abs(scale) < SHORTEST_SCALE), Outcome.NON_FINITE)
+    if tries >= MOST_RESCALINGS or abs(scale) < SHORTEST_SCALE:
+        return Outcome.NON_FINITE
     taylor.rescalings = tries + 1
-    longer = p.choose(terminates, p.smaller(reach, LONGER_SCALE), exponent)
-    change = p.choose(exponent >= OVERFLOWED, longer, SHORTER_SCALE)
-    taylor.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
-    p.leave(Outcome.PAUSED)
-    return p.finish(WHOLE)
+    longer = smaller(reach, LONGER_SCALE) if terminates else exponent
+    change = longer if exponent >= OVERFLOWED else SHORTER_SCALE
+    taylor.scale = scale * two_to(int(nearest(change)))
+    return Outcome.PAUSED
+
+
+@inline
+def change_motion(given: Arguments, t: float, layout: TaylorLayout) -> Outcome:
+    """Apply the reset or crossing that is due at the state, if that can be done here.
+
+    The outcome is DONE if nothing was changed, and the step is to be taken.
+    """
+    watched, run, work, order = given.watched, given.run, given.work, given.order
+    watch, result = watched.watch, Outcome.DONE
+    if layout.observes:
+        if unlikely(watch.due != 0):
+            result = Outcome.WATCHED
+    elif unlikely(watch.due != 0 and watch.enabled != 0):
+        is_done = False
+        if is_event(watched, watch.due - 1):
+            series = given.jet, *numbers_of(given, layout)
+            is_done = reset_state(
+                *series, t, run.rtol, given.counts, given.taylor, given.times, given.rows, watched, work, order
+            )
+        else:
+            series = given.jet, given.prepared, given.constants
+            is_done = cross_surface(*series, t, run.rtol, given.counts, given.taylor, watched, work, order)
+        result = Outcome.PAUSED if is_done else Outcome.DONE
+    return result
+
+
+@inline
+def inspected(
+    given: Arguments, t: float, low: float, scale: float, s: float, left: float, final: bool, layout: TaylorLayout
+) -> tuple[Outcome, float]:
+    """Find zeros on the step; return DONE and its new length, in units of the scale, or why it is not taken."""
+    watched, taylor, work, order = given.watched, given.taylor, given.work, given.order
+    watch, doubtful = watched.watch, reals(layout.watched, room=BLOCK)
+    everything, outcome, length = taylor.inspect != 0, Outcome.DONE, s
+    is_doubtful = doubtful_events(s, everything, doubtful, work, order, layout=layout)
+    if unlikely(is_doubtful and taylor.next_limit == math.inf):
+        outcome = Outcome.WATCHED
+        if watch.enabled != 0 and watch.due == 0 and watch.planned <= given.counts.steps:
+            answer, length = inspect_step(
+                t, low, scale, given.run.rtol, s, left, final, doubtful, taylor, watched, work, order
+            )
+            decided = Outcome.PAUSED if answer == WAIT else Outcome.WATCHED
+            outcome = Outcome.DONE if answer == GO_ON else decided
+    return outcome, length
+
+
+@inline
+def move_on(given: Arguments, t: float, added: float, final: bool) -> None:
+    """Advance the time with compensation."""
+    run, taylor = given.run, given.taylor
+    total, lost = compensated(t, added)
+    run.t = run.end if final else total
+    taylor.low = 0.0 if final else lost
+    taylor.next_limit = math.inf
+    taylor.rescalings = 0

@@ -6,79 +6,101 @@ with nothing changed. The record of arguments that the loop over steps passes to
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.projection import CORRECTIONS
-from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.step.run import Counts, Run
 from lagrange.algorithm.taylor.memory import (
     BLOCK,
-    HELD,
     JET,
-    OUTPUTS,
-    SIZES,
-    TAYLOR,
-    RecordedLayout,
-    SeriesMemory,
+    READ,
+    Held,
+    OutputCounts,
+    Sizes,
+    Taylor,
     TaylorLayout,
-    floors_array,
-    work_array,
+    floors_type,
+    rows_type,
+    work_type,
 )
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Kind, Record
-from lagrange.procedure.values import Flag, Memory, Real, Whole
-
-READ = Array(read=True)
+from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.front.plain import Bundle, Stated, inline
+from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, form_of, record
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
 """A function of a time, a state and prepared numbers; it returns whether its value is undefined."""
 
-WATCH = Record.of(
-    "Watch",
-    enabled=WHOLE,
-    fresh=WHOLE,
-    hides_growth=WHOLE,
-    steep=WHOLE,
-    surfaces=WHOLE,
-    changing=WHOLE,
-    room=WHOLE,
-    done=WHOLE,
-    ahead=WHOLE,
-    due=WHOLE,
-    direction=WHOLE,
-    jumps=WHOLE,
-    checked=WHOLE,
-    planned=WHOLE,
-    unproven=WHOLE,
-    combination=WHOLE,
-    numbers=WHOLE,
-    switches=WHOLE,
-    changed=REAL,
-    changed_at=WHOLE,
-)
-"""State of the search for zeros. An index is that of a watched function.
 
-    enabled      1 if steps are inspected here, 0 if the driver must return for each
-    hides_growth 1 if series may hide a growth: every step is inspected, and only as long as the series prove to be safe
-    steep        1 if powers above the order are watched: every step is inspected, and the series are compared with the
-                 functions at its end
-    fresh        1 at the start of a motion whose sides are not known
-    surfaces     number of switching surfaces
-    changing     1 if some watched function may change the motion or end the run
-    room         largest number of events that can be written
-    done         number of written events, and `ahead` including those on the step that is not proven yet
-    due          1 + the index of the function that vanishes at the end of the last step and changes the motion, or 0
-    direction    the direction in which it passes through zero
-    jumps        number of resets of the state
-    checked      1 if the state after a reset must be checked, which the caller does
-    planned      number of accepted steps after which a step planned by the caller is proven
-    unproven     1 if the sides before the step that is not proven are saved: the present ones are at its end
-    combination  the present sides as a binary number, 1 for above, the first surface in the last digit; or -1
-    numbers      index at which the prepared numbers for these sides begin
-    switches     number of written changes of sides
-    changed      time of the last change of the motion, and `changed_at` the index of the function that vanished
-"""
+@record
+class Watch:
+    """State of the search for zeros. An index is that of a watched function."""
+
+    enabled: int
+    """1 if steps are inspected here, 0 if the driver must return for each."""
+
+    fresh: int
+    """1 at the start of a motion whose sides are not known."""
+
+    hides_growth: int
+    """1 if series may hide a growth: every step is inspected, and only as long as the series prove to be safe."""
+
+    steep: int
+    """1 if powers above the order are watched: series are compared with their functions at the end of every step."""
+
+    surfaces: int
+    """Number of switching surfaces."""
+
+    changing: int
+    """1 if some watched function may change the motion or end the run."""
+
+    room: int
+    """Largest number of events that can be written."""
+
+    done: int
+    """Number of written events."""
+
+    ahead: int
+    """Number including those on the step that is not proven yet."""
+
+    due: int
+    """1 + the index of the function that vanishes at the end of the last step and changes the motion, or 0."""
+
+    direction: int
+    """The direction in which it passes through zero."""
+
+    jumps: int
+    """Number of resets of the state."""
+
+    checked: int
+    """1 if the state after a reset must be checked, which the caller does."""
+
+    planned: int
+    """Number of accepted steps after which a step planned by the caller is proven."""
+
+    unproven: int
+    """1 if the sides before the step that is not proven are saved: the present ones are at its end."""
+
+    combination: int
+    """The present sides as a binary number, 1 for above, the first surface in the last digit; or -1."""
+
+    numbers: int
+    """Index at which the prepared numbers for these sides begin."""
+
+    switches: int
+    """Number of written changes of sides."""
+
+    changed: float
+    """Time of the last change of the motion."""
+
+    changed_at: int
+    """Index of the function that vanished then."""
+
+
+WATCH = form_of(Watch)
 
 SIGN, NEAR, STARTING, COUNT = range(4)
 """Blocks of `sides`, one entry for each watched function: the side before the present step (see `roots`), whether it
@@ -130,29 +152,60 @@ def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
     return count * (sum(REALS.values()) + dimension) + dimension + 4 * BLOCK, count * sum(WHOLES.values())
 
 
-class Scratch:
-    """Scratch memory, each part at its own offset. It grows with the watched functions, so it is not on the stack."""
+@dataclass(frozen=True)
+class Watched:
+    """The watched functions as arguments of a procedure."""
 
-    def __init__(self, layout: Any, reals: Memory, wholes: Memory) -> None:
-        self.layout, self._reals, self._wholes = layout, reals, wholes
+    watch: Watch
+    sizes: Sizes
+    values: Callable[..., Any]
+    resets: Callable[..., Any]
+    value_numbers: In
+    reset_numbers: In
+    tilts: In
+    sides: WholesOut
+    settings: WholesIn
+    event_times: Out
+    event_states: Out
+    event_places: WholesOut
+    combinations: WholesIn
+    switch_rows: WholesOut
+    switch_combinations: WholesOut
+    scratch: Out
+    """Memory that grows with the watched functions, so it is not on the stack; see `REALS`."""
 
-    def reals(self, part: str, number: int = 0) -> Memory:
-        """Return part `part` of `REALS`. If it has several entries for each watched function, `number` selects one."""
-        return self._reals.at(self.layout.watched * (_begin(REALS, part) + number))
+    whole_scratch: WholesOut
+    """See `WHOLES`."""
 
-    def wholes(self, part: str, number: int = 0) -> Memory:
-        """Return part `part` of `WHOLES`; see `reals`."""
-        return self._wholes.at(self.layout.watched * (_begin(WHOLES, part) + number))
 
-    @property
-    def moved(self) -> Memory:
-        """Memory for a perturbed state, in whole blocks."""
-        return self._reals.at(self.layout.watched * sum(REALS.values()) + BLOCK)
+def watched_type() -> Bundle:
+    """Return the type of the watched functions."""
+    blocks = Array(room=BLOCK)
+    return Bundle(Watched, {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks})
 
-    @property
-    def new_entries(self) -> Memory:
-        """Memory for the results of all resets, or the state at the end of a step."""
-        return self.moved.at(self.layout.dimension + 2 * BLOCK)
+
+@inline
+def real_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
+    """Return part `part` of `REALS`. If it has several entries for each watched function, `number` selects one."""
+    return watched.scratch[layout.watched * (_begin(REALS, part) + number) :]
+
+
+@inline
+def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
+    """Return part `part` of `WHOLES`; see `real_part`."""
+    return watched.whole_scratch[layout.watched * (_begin(WHOLES, part) + number) :]
+
+
+@inline
+def moved_state(watched: Watched, layout: Any) -> Any:
+    """Return the memory for a perturbed state, in whole blocks."""
+    return watched.scratch[layout.watched * sum(REALS.values()) + BLOCK :]
+
+
+@inline
+def new_entries(watched: Watched, layout: Any) -> Any:
+    """Return the memory for the results of all resets, or the state at the end of a step."""
+    return moved_state(watched, layout)[layout.dimension + 2 * BLOCK :]
 
 
 def _begin(parts: dict[str, int], wanted: str) -> int:
@@ -161,153 +214,118 @@ def _begin(parts: dict[str, int], wanted: str) -> int:
     return sum(parts[name] for name in names[: names.index(wanted)])
 
 
-class Watched:
-    """The watched functions as arguments of a procedure, for one layout or for every layout."""
-
-    def __init__(self, p: Builder, layout: TaylorLayout | None = None) -> None:
-        self.p = p
-        self.record: Any = p.record("watch", WATCH)
-        self.sizes: Any = p.record("sizes", SIZES)
-        self.layout: Any = RecordedLayout(self.sizes) if layout is None else layout
-        self.values, self.resets = p.function("values", FUNCTION), p.function("resets", FUNCTION)
-        self.value_numbers, self.reset_numbers = (p.array(f"{name}_numbers", read=True) for name in ("value", "reset"))
-        self.tilts = p.array("tilts", read=True)
-        self.sides = p.array("sides", WHOLE)
-        self.settings = p.array("settings", WHOLE, read=True)
-        self.event_times, self.event_states = p.array("event_times"), p.array("event_states", room=BLOCK)
-        self.event_places = p.array("event_places", WHOLE)
-        self.combinations = p.array("combinations", WHOLE, read=True)
-        self.switch_rows = p.array("switch_rows", WHOLE)
-        self.switch_combinations = p.array("switch_combinations", WHOLE)
-        self.scratch = p.array("scratch", room=BLOCK)
-        self.whole_scratch = p.array("whole_scratch", WHOLE)
-
-    @property
-    def count(self) -> Any:
-        """Number of watched functions."""
-        return self.layout.watched
-
-    @property
-    def kept(self) -> Scratch:
-        """The scratch memory."""
-        return Scratch(self.layout, self.scratch, self.whole_scratch)
-
-    @property
-    def own_numbers(self) -> Memory:
-        """The prepared numbers of the watched functions for the present sides."""
-        return self.value_numbers.at(self.record.numbers)
-
-    @property
-    def handed(self) -> tuple[Any, ...]:
-        """The arguments for another procedure."""
-        functions = self.values, self.resets, self.value_numbers, self.reset_numbers, self.tilts
-        switches = self.combinations, self.switch_rows, self.switch_combinations
-        scratch = self.scratch, self.whole_scratch
-        return (self.record, self.sizes, *functions, self.sides, self.settings, *self.events, *switches, *scratch)
-
-    @property
-    def events(self) -> tuple[Memory, ...]:
-        """The arrays that events are written to: times, states and indices."""
-        return self.event_times, self.event_states, self.event_places
-
-    def side(self, block: int) -> Memory:
-        """Return one of the blocks `SIGN`, `NEAR`, `STARTING` and `COUNT`, with an entry for each watched function."""
-        return self.sides.at(self.count * block)
-
-    def setting(self, block: int, place: Whole) -> Whole:
-        """Return one of the settings of a watched function."""
-        found: Whole = self.settings[place + self.count * block]
-        return found
-
-    def is_event(self, place: Whole) -> Flag:
-        """Return whether a watched function is an event function, not a surface."""
-        found: Flag = place >= self.record.surfaces
-        return found
-
-    def counts(self, place: Whole, direction: Whole) -> Flag:
-        """Return whether a zero of an event function in a direction counts as an event."""
-        wanted = self.setting(DIRECTION, place)
-        found: Flag = wanted.equals(0) | wanted.equals(direction)
-        return found
-
-    def is_last(self, place: Whole, count: Whole) -> Flag:
-        """Return whether the run ends when an event function has this number of events."""
-        terminal = self.setting(TERMINAL, place)
-        found: Flag = (terminal > 0) & (terminal <= count)
-        return found
+@inline
+def own_numbers(watched: Watched) -> Any:
+    """Return the prepared numbers of the watched functions for the present sides."""
+    return watched.value_numbers[watched.watch.numbers :]
 
 
-def column(p: Builder, layout: Any, rows: Memory, place: Whole, count: Any, to: Memory) -> None:
+@inline
+def side(watched: Watched, block: int, layout: Any) -> Any:
+    """Return one of the blocks `SIGN`, `NEAR`, `STARTING` and `COUNT`, with an entry for each watched function."""
+    return watched.sides[layout.watched * block :]
+
+
+@inline
+def setting(watched: Watched, block: int, place: int, layout: Any) -> Any:
+    """Return one of the settings of a watched function."""
+    return watched.settings[place + layout.watched * block]
+
+
+@inline
+def is_event(watched: Watched, place: int) -> bool:
+    """Return whether a watched function is an event function, not a surface."""
+    return place >= watched.watch.surfaces
+
+
+@inline
+def counts_as_event(watched: Watched, place: int, direction: int, layout: Any) -> Any:
+    """Return whether a zero of an event function in a direction counts as an event."""
+    counted = setting(watched, DIRECTION, place, layout)
+    return counted == 0 or counted == direction
+
+
+@inline
+def is_last(watched: Watched, place: int, count: int, layout: Any) -> Any:
+    """Return whether the run ends when an event function has this number of events."""
+    terminal = setting(watched, TERMINAL, place, layout)
+    return terminal > 0 and terminal <= count
+
+
+@inline
+def copy_column(rows: In, place: int, count: int, to: Out, layout: Any) -> None:
     """Copy the series of a watched function from the rows."""
-    first, width = rows.at(place + layout.watched_at), layout.width
-    with p.loop(0, count) as k:
-        to[k] = first[k * width]
+    first = rows[place + layout.watched_at :]
+    for k in range(count):
+        to[k] = first[k * layout.width]
 
 
-def restore_sides(watched: Watched) -> None:
+@inline
+def restore_sides(watched: Watched, layout: Any) -> None:
     """Restore the sides before a step that is not proven, and drop its events."""
-    p, record, size = watched.p, watched.record, watched.count * SIDES
-    with p.when(~record.unproven.equals(0)):
-        with p.loop(0, size) as i:
+    watch, size = watched.watch, layout.watched * SIDES
+    if watch.unproven != 0:
+        for i in range(size):
             watched.sides[i] = watched.sides[i + size]
-        record.ahead, record.due, record.unproven = record.done, 0, 0
+        watch.ahead, watch.due, watch.unproven = watch.done, 0, 0
 
 
-def prove_sides(watched: Watched) -> None:
-    """Commit the events on the last step."""
-    watched.record.done, watched.record.unproven = watched.record.ahead, 0
-
-
-def write_event(watched: Watched, slot: Whole, t: Real, place: Whole) -> Memory:
+@inline
+def write_event(watched: Watched, slot: int, t: float, place: int, layout: Any) -> Any:
     """Write the time and the index of an event; return the memory for its state."""
     watched.event_times[slot] = t
     watched.event_places[slot] = place
-    return watched.event_states.at(slot * watched.layout.dimension)
+    return watched.event_states[slot * layout.dimension :]
 
 
+@dataclass(frozen=True)
 class Arguments:
-    """The arguments of the loop, of its iterations and of a step: the common ones, and a procedure's `own`."""
+    """The arguments of the loop, of its iterations and of a step."""
 
-    def __init__(self, p: Builder, layout: TaylorLayout, **own: Kind | Array) -> None:
-        self.p, self.layout = p, layout
-        self.jet = p.function("jet", JET)
-        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
-        self.run: Any = p.record("run", RUN)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.taylor: Any = p.record("taylor", TAYLOR)
-        self.floors = floors_array(p, layout, read=False)
-        self.held: Any = p.record("held", HELD)
-        self.outputs: Any = p.record("outputs", OUTPUTS)
-        self.output_times, self.output_states = (
-            p.array("output_times", read=True),
-            p.array("output_states", room=layout.block),
-        )
-        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
-        self.watched = Watched(p, layout) if layout.watched else None
-        self.projection: tuple[Any, ...] = ()
-        """The function of the corrections onto the constraints, and its numbers; empty without constraints."""
-        if layout.projected:
-            self.projection = p.function("projection", CORRECTIONS), p.array("projection_numbers", read=True)
-        self.own = [p.given(name, kind) for name, kind in own.items()]
-        self.series = SeriesMemory(p, layout, work_array(p))
+    jet: Callable[..., Any]
+    prepared: In
+    constants: In
+    run: Run
+    counts: Counts
+    taylor: Taylor
+    floors: Out
+    held: Held
+    outputs: OutputCounts
+    output_times: In
+    output_states: Out
+    times: Out
+    rows: Out
+    watched: Any
+    """The `Watched` functions, or None."""
 
-    def handed(self, *own: Any) -> tuple[Any, ...]:
-        """Return the arguments for another procedure, followed by its own."""
-        records = self.run, self.counts, self.taylor, self.floors, self.held
-        watched = self.watched.handed if self.watched else ()
-        written = *self.output, self.times, self.rows, *watched
-        fixed = self.jet, self.prepared, self.constants
-        return (*fixed, *records, *written, *self.projection, *own, *self.series.handed)
+    projection: Any
+    """The function of the corrections onto the constraints, None without constraints."""
 
-    @property
-    def numbers(self) -> tuple[Any, ...]:
-        """The prepared numbers of the series: with switching surfaces, those for the present sides."""
-        if self.watched is None or self.layout.observes:
-            return self.prepared, self.constants
-        place = self.watched.record.numbers
-        return self.prepared.at(place), self.constants.at(place)
+    projection_numbers: Any
+    work: Out
+    order: int
+    """The order of the series, at least 4."""
 
-    @property
-    def output(self) -> tuple[Any, ...]:
-        """The arguments of a procedure that writes states at output times."""
-        return self.outputs, self.output_times, self.output_states
+
+def arguments(layout: TaylorLayout) -> Bundle:
+    """Return the type of the arguments for a layout."""
+    types: dict[str, Stated] = {
+        "jet": JET,
+        "floors": floors_type(layout),
+        "output_states": rows_type(layout),
+        "rows": rows_type(layout),
+        "watched": watched_type() if layout.watched else None,
+        "projection": CORRECTIONS if layout.projected else None,
+        "projection_numbers": READ if layout.projected else None,
+        "work": work_type(),
+    }
+    return Bundle(Arguments, types)
+
+
+@inline
+def numbers_of(given: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
+    """Return the prepared numbers of the series: with switching surfaces, those for the present sides."""
+    if given.watched is None or layout.observes:
+        return given.prepared, given.constants
+    place = given.watched.watch.numbers
+    return given.prepared[place:], given.constants[place:]

@@ -29,7 +29,7 @@ from lagrange.program.series import SeriesProgram
 @lru_cache(maxsize=64)
 def _steps(layout: TaylorLayout) -> Callable[..., int]:
     """Return the loop over steps for a layout."""
-    return loaded(taylor_steps(layout))
+    return loaded(taylor_steps.form(layout=layout))
 
 
 class NumpySeries(Shared):
@@ -177,7 +177,7 @@ class NumpyTaylorDriver:
 
         def steps(records: Records, recorded: Recorded) -> int:
             given = *series, *records, *kept, *recorded, *watched, *projected
-            return _steps(self._layout)(*given, budget, self._work.data, self._order)
+            return _steps(self._layout)(*given, self._work.data, self._order, budget)
 
         return advance(state, self._work, times, rows, steps)
 

@@ -53,7 +53,7 @@ def compiled_steps(layout: TaylorLayout) -> CompiledSteps:
 
 def event_procedures() -> tuple[Procedure, ...]:
     """Return the procedures that a loop calls for events and switching surfaces."""
-    return inspect_step(), begin_sides(), reset_state(), cross_surface()
+    return inspect_step.form(), begin_sides.form(), reset_state.form(), cross_surface.form()
 
 
 def link_events(*, well: bool) -> None:

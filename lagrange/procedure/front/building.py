@@ -158,6 +158,7 @@ class Tracer(Names):
 
     def opposite(self, condition: Any) -> Any:
         """Return the opposite of a condition."""
+        condition = condition.condition if isinstance(condition, Weighed) else condition
         return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
 
     def both(self, left: Any, right: Callable[[], Any]) -> Any:
@@ -170,6 +171,7 @@ class Tracer(Names):
 
     def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
         """Return `left and right`, or with `or`; a branch if the right side loads, calls or stores."""
+        left = left.condition if isinstance(left, Weighed) else left
         if not isinstance(left, Value):
             return right() if bool(left) == (op == "and") else left
         with self.p.block() as body:

@@ -234,7 +234,7 @@ class Each(Block):
         tracer = self.tracer
         op, made = self.folds[slot]
         value = made.value
-        neutral = {"add": 0.0, "dot": 0.0, "most": -math.inf, "max": -math.inf}.get(op)
+        neutral = {"add": 0.0, "dot": 0.0, "magnitude": 0.0, "most": -math.inf, "max": -math.inf}.get(op)
         if not isinstance(first, Value) and first == neutral:
             return value
         if op in ("add", "dot"):
