@@ -75,7 +75,7 @@ def signs(n: int, a: In, out: Out) -> Status:
     """Write the sign of each element, and stop at one that is not a number."""
     for i in range(n):
         x = a[i]
-        if unlikely(x != x):
+        if unlikely(x != x) and not likely(x <= 0.0):
             return Status.BAD
         if x > 0.0:
             s = 1.0
