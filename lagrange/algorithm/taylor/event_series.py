@@ -373,37 +373,37 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
     return square * fma(square, fma(s, c3, c2), fma(s, c1, c0))
 
 
-@procedure(watched=watched_type, work=work_type)
-def contradicts(t: float, rtol: float, length: float, watched: Watched, work: Out, *, layout: TaylorLayout) -> bool:
+@procedure(watched=watched_type)
+def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layout: TaylorLayout) -> bool:
     """Return whether the present series and that of the last step, of this `length`, disagree on a side.
 
     Functions that may jump are excluded: their sign may change without a zero.
     """
     is_doubted = False
     for i in range(layout.watched):
-        is_other = changes_side(watched, work, i, length, layout)
+        is_other = changes_side(watched, i, length, layout)
         is_doubted = is_doubted or is_other
     if likely(not is_doubted):
         return False
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
-    first = row(work, 0, layout)[layout.watched_at :]
+    first = row(watched.work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):
         values[i] = first[i]
-    write_noise(watched, own_numbers(watched), t, work, layout)
+    write_noise(watched, own_numbers(watched), t, watched.work, layout)
     # The error of the state is its rounding times the ratio of tolerance to round-off.
     slack = EVENT_SLACK * fma(rtol, 2.0**50, 1.0)
     is_wrong = False
     for i in range(layout.watched):
-        is_other = changes_side(watched, work, i, length, layout)
+        is_other = changes_side(watched, i, length, layout)
         is_far = abs(values[i]) > slack * noise[i]
         is_wrong = is_wrong or (is_other and is_far)
     return is_wrong
 
 
 @inline
-def changes_side(watched: Watched, work: In, i: int, length: float, layout: TaylorLayout) -> bool:
+def changes_side(watched: Watched, i: int, length: float, layout: TaylorLayout) -> bool:
     """Return whether a function that cannot jump is on the other side, further than its slope explains."""
-    value, slope = [row(work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
+    value, slope = [row(watched.work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
     started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]
     sign, smooth = side(watched, SIGN, layout)[i], setting(watched, SMOOTH, i, layout)
     is_settled = near == 0 and smooth != 0 and started == 0

@@ -24,7 +24,7 @@ from lagrange.algorithm.taylor.event_series import (
     safe_step,
     write_noise,
 )
-from lagrange.algorithm.taylor.memory import RecordedLayout, Taylor, layout_of, row, work_type
+from lagrange.algorithm.taylor.memory import RecordedLayout, Taylor, layout_of, row
 from lagrange.algorithm.taylor.sums import state_on_step
 from lagrange.algorithm.taylor.watching import (
     COLUMN,
@@ -89,18 +89,8 @@ def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
     return Zeros(times, places, directions, signs, nears)
 
 
-@procedure(apart=True, watched=watched_type, work=work_type)
-def zeros_on_step(
-    s: float,
-    whole: float,
-    zeros: Zeros,
-    doubtful: In,
-    watched: Watched,
-    work: Out,
-    order: int,
-    last: bool,
-    until: bool,
-) -> int:
+@procedure(apart=True, watched=watched_type)
+def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool) -> int:
     """Find the zeros of watched functions on a step of length s, in order; return their number, or -1 on failure.
 
     With `until`, only zeros up to the first one that surely changes the motion matter, and simultaneous ones. The
@@ -114,7 +104,7 @@ def zeros_on_step(
     for i in range(layout.watched):
         zeros.signs[i], zeros.nears[i] = before[i], came_near[i]
         if doubtful[i] != 0.0:
-            more = find_zeros(i, count, far, s, whole, last, zeros, watched, work, order)
+            more = find_zeros(i, count, far, s, whole, last, zeros, watched)
             if more < 0:
                 return -1
             for j in range(count, count + more):
@@ -139,26 +129,15 @@ def zeros_on_step(
     return count
 
 
-@procedure(watched=watched_type, work=work_type)
-def find_zeros(
-    i: int,
-    to: int,
-    s: float,
-    step: float,
-    whole: float,
-    last: bool,
-    zeros: Zeros,
-    watched: Watched,
-    work: Out,
-    order: int,
-) -> int:
+@procedure(watched=watched_type)
+def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool, zeros: Zeros, watched: Watched) -> int:
     """Write the zeros of a watched function up to s, from index `to` on; return their number, or -1 on failure.
 
     The sums of its terms usually decide. Otherwise roots are isolated. A function that starts at zero is divided by
     time: the root there is known, and the next may be close.
     """
-    layout = layout_of(watched.sizes)
-    rows = row(work, 0, layout)[layout.watched_at :]
+    layout, order = layout_of(watched.sizes), watched.order
+    rows = row(watched.work, 0, layout)[layout.watched_at :]
     sign, is_near = whole_part(watched, "sides", layout)[i], whole_part(watched, "sides", layout, 1)[i] != 0
     begins, noise = side(watched, STARTING, layout)[i] != 0, real_part(watched, "noise", layout)[i]
     sums = real_part(watched, "sums", layout)[i * len(TERM_SUMS) :]
@@ -198,83 +177,107 @@ GO_ON, LEAVE, WAIT = range(3)
 """Decisions: take the step, leave the step to the caller, or return because the memory for events is full."""
 
 
-@procedure(apart=True, watched=watched_type, work=work_type)
-def inspect_step(
-    t: float,
-    low: float,
-    scale: float,
-    rtol: float,
-    s: float,
-    left: float,
-    final: bool,
-    doubtful: In,
-    taylor: Taylor,
-    watched: Watched,
-    work: Out,
-    order: int,
-) -> tuple[int, float]:
-    """Inspect a step of length s in units of the scale, on which watched functions may vanish.
+@dataclass(frozen=True)
+class Step:
+    """A step that is to be inspected."""
 
-    The results are a decision and the new length. Functions that are not `doubtful` keep their signs on the step.
-    `final` is true if it ends at the end of the run, which is `left` away. If the step is taken, its events are
-    written, and the sides are those at its end. Otherwise nothing has changed.
+    t: float
+    """Its beginning, and `low` the rounding error of that."""
+
+    low: float
+    scale: float
+    """The unit of time of the series."""
+
+    rtol: float
+    s: float
+    """The length of the step in this unit."""
+
+    left: float
+    """The rest of the run."""
+
+    final: bool
+    """True if the step ends at the end of the run."""
+
+
+@procedure(apart=True, watched=watched_type)
+def inspect_step(step: Step, doubtful: In, taylor: Taylor, watched: Watched) -> tuple[int, float]:
+    """Inspect a step on which watched functions may vanish; return a decision and the new length.
+
+    Functions that are not `doubtful` keep their signs on the step. If it is taken, its events are written, and the
+    sides are those at its end. Otherwise nothing has changed.
     """
-    layout, watch = layout_of(watched.sizes), watched.watch
+    layout, watch, work, s = layout_of(watched.sizes), watched.watch, watched.work, step.s
     values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
     first = row(work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):
         values[i], counts[i] = first[i], 0
-    write_noise(watched, own_numbers(watched), t, work, layout)
-    is_polynomial = terminates(work, order, layout)
-    length = trusted_part(s, rtol, is_polynomial, doubtful, watched, work, order)
+    write_noise(watched, own_numbers(watched), step.t, work, layout)
+    is_polynomial = terminates(work, watched.order, layout)
+    length = trusted_part(step, is_polynomial, doubtful, watched)
     if length < 0.0:
         return LEAVE, s
     if unlikely(watch.steep != 0):
-        noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
-        state, moved = new_entries(watched, layout), moved_state(watched, layout)
-        functions = watched.values, own_numbers(watched), watched.tilts
-        length = verified_step(
-            *functions, t, scale, rtol, length, noise, there, blur, state, moved, watched.sizes, work, order
-        )
+        length = verified_length(step, length, watched, layout)
     is_whole = length == s
-    shortest = TOGETHER * abs(t) + LEAST_PART * abs(left)
-    if not is_whole and abs(length * scale) < shortest:
+    shortest = TOGETHER * abs(step.t) + LEAST_PART * abs(step.left)
+    if not is_whole and abs(length * step.scale) < shortest:
         return LEAVE, s
-    if not write_sides(length, doubtful, watched, work, order):
+    if not write_sides(length, doubtful, watched):
         return LEAVE, s
     zeros, until = zeros_of(watched, 0, layout), watch.changing != 0
-    count = zeros_on_step(length, s, zeros, doubtful, watched, work, order, last=is_whole and final, until=until)
+    count = zeros_on_step(length, s, zeros, doubtful, watched, last=is_whole and step.final, until=until)
     if count < 0:
         return LEAVE, s
     change = first_change(zeros, count, math.inf, watched)
     if change < 0:
-        return accept(zeros, count, math.inf, t, low, scale, taylor, watched, work, order, again=is_polynomial), length
-    # On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier.
-    shorter, again, at = zeros_of(watched, 1, layout), True, zeros.times[change]
-    place, direction = zeros.places[change], zeros.directions[change]
-    close = simultaneous(t, scale, at)
+        return accept(zeros, count, math.inf, step, taylor, watched, again=is_polynomial), length
+    return end_at_change(zeros, count, change, step, doubtful, taylor, watched)
+
+
+@inline
+def verified_length(step: Step, length: float, watched: Watched, layout: Any) -> float:
+    """Return a length of the step at whose end the series of high powers agree with the watched functions."""
+    noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
+    functions = watched.values, own_numbers(watched), watched.tilts
+    scratch = noise, there, blur, new_entries(watched, layout), moved_state(watched, layout)
+    series = watched.sizes, watched.work, watched.order
+    return verified_step(*functions, step.t, step.scale, step.rtol, length, *scratch, *series)
+
+
+@procedure(watched=watched_type)
+def end_at_change(
+    zeros: Zeros, number: int, change: int, step: Step, doubtful: In, taylor: Taylor, watched: Watched
+) -> tuple[int, float]:
+    """End the step at its first change; return a decision and the new length.
+
+    On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier. A
+    change at the start, and several at a time, are left to the caller.
+    """
+    layout, again, count, s = layout_of(watched.sizes), True, number, step.s
+    shorter = zeros_of(watched, 1, layout)
+    at, place, direction = zeros.times[change], zeros.places[change], zeros.directions[change]
+    close = simultaneous(step, at)
     together = count_near(zeros, count, at, close)
     while again:
-        # A change at the start, and several at a time, are left to the caller.
         if at <= 0.0 or together != 1:
             return LEAVE, s
-        count = zeros_on_step(at, s, shorter, doubtful, watched, work, order, last=False, until=False)
+        count = zeros_on_step(at, s, shorter, doubtful, watched, last=False, until=False)
         if count < 0:
             return LEAVE, s
         earlier = first_change(shorter, count, at - close, watched)
         again = earlier >= 0
         if again:
             at, place, direction = shorter.times[earlier], shorter.places[earlier], shorter.directions[earlier]
-            close = simultaneous(t, scale, at)
+            close = simultaneous(step, at)
             together = count_near(shorter, count, at, close)
     for j in range(count):
         if shorter.times[j] >= at - close and shorter.places[j] != place:
             return LEAVE, s
     if setting(watched, ROOT, place, layout) != 0:
         return LEAVE, s
-    answer = accept(shorter, count, at - close, t, low, scale, taylor, watched, work, order, again=True)
+    answer = accept(shorter, count, at - close, step, taylor, watched, again=True)
     if answer == GO_ON:
-        watch.due, watch.direction = place + 1, direction
+        watched.watch.due, watched.watch.direction = place + 1, direction
     return answer, at
 
 
@@ -288,23 +291,17 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
     return place == layout.dimension
 
 
-@procedure(watched=watched_type, work=work_type)
-def trusted_part(
-    s: float, rtol: float, is_polynomial: bool, doubtful: In, watched: Watched, work: Out, order: int
-) -> float:
+@procedure(watched=watched_type)
+def trusted_part(step: Step, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
     """Return the part of a step on which the series of all watched functions can be trusted.
 
     It is -1 if a series is not finite.
     """
-    layout = layout_of(watched.sizes)
-    rows, count = row(work, 0, layout)[layout.watched_at :], order + 1
-    noises, columns, counts = (
-        real_part(watched, "noise", layout),
-        real_part(watched, "columns", layout),
-        whole_part(watched, "counts", layout),
-    )
-    tolerance, hides_growth = larger(rtol, 2.0**-52) * EVENT_SLACK, watched.watch.hides_growth != 0
-    length = s
+    layout, order, s = layout_of(watched.sizes), watched.order, step.s
+    rows, count, length = row(watched.work, 0, layout)[layout.watched_at :], order + 1, s
+    noises, columns = real_part(watched, "noise", layout), real_part(watched, "columns", layout)
+    counts = whole_part(watched, "counts", layout)
+    tolerance, hides_growth = larger(step.rtol, 2.0**-52) * EVENT_SLACK, watched.watch.hides_growth != 0
     for i in range(layout.watched):
         if doubtful[i] != 0.0:
             terms, slopes = [real_part(watched, part, layout)[i * PADDED :] for part in ("terms", "slopes")]
@@ -336,8 +333,8 @@ def trusted_part(
     return length
 
 
-@procedure(watched=watched_type, work=work_type)
-def write_sides(s: float, doubtful: In, watched: Watched, work: Out, order: int) -> bool:
+@procedure(watched=watched_type)
+def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
     """Write the sides before a step; functions that jumped over zero since the last step have changed theirs.
 
     The result is False if a series is not finite.
@@ -345,13 +342,13 @@ def write_sides(s: float, doubtful: In, watched: Watched, work: Out, order: int)
     layout = layout_of(watched.sizes)
     signs, nears = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
     values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
-    rows = row(work, 0, layout)[layout.watched_at :]
+    rows = row(watched.work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):
         sign = side(watched, SIGN, layout)[i]
         signs[i], nears[i] = sign, side(watched, NEAR, layout)[i]
         if unlikely(doubtful[i] != 0.0 and float(sign) * values[i] < 0.0):
             c = real_part(watched, "columns", layout)[i * COLUMN :]
-            if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+            if not read_column(rows[i:], layout.width, watched.order, c, counts[i:]):
                 return False
             if abs(c[0]) > JUMP * largest_term(c, counts[i], s):
                 signs[i], nears[i] = -sign, 0
@@ -383,9 +380,9 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
 
 
 @inline
-def simultaneous(t: float, scale: float, at: float) -> float:
+def simultaneous(step: Step, at: float) -> float:
     """Return the distance within which zeros count as simultaneous."""
-    return TOGETHER * larger(abs(t / scale), at)
+    return TOGETHER * larger(abs(step.t / step.scale), at)
 
 
 @inline
@@ -397,20 +394,8 @@ def count_near(zeros: Zeros, count: int, at: float, distance: float) -> int:
     return number
 
 
-@procedure(watched=watched_type, work=work_type)
-def accept(
-    zeros: Zeros,
-    count: int,
-    before: float,
-    t: float,
-    low: float,
-    scale: float,
-    taylor: Taylor,
-    watched: Watched,
-    work: Out,
-    order: int,
-    again: bool,
-) -> int:
+@procedure(watched=watched_type)
+def accept(zeros: Zeros, count: int, before: float, step: Step, taylor: Taylor, watched: Watched, again: bool) -> int:
     """Write the events before a time on the step, and the sides at its end; save the sides before it.
 
     `again` forces an inspection of the next step. The result is a decision.
@@ -436,8 +421,8 @@ def accept(
         counts = is_event(watched, place) and counts_as_event(watched, place, zeros.directions[j], layout)
         if counts and time < before:
             present[COUNT][place] += 1
-            state = write_event(watched, slot, (t + low) + time * scale, place, layout)
-            state_on_step(time, state, watched.sizes, work, order)
+            state = write_event(watched, slot, (step.t + step.low) + time * step.scale, place, layout)
+            state_on_step(time, state, watched.sizes, watched.work, watched.order)
             slot += 1
     watch.ahead, watch.due, watch.unproven = slot, 0, 1
     return GO_ON

@@ -13,7 +13,7 @@ from lagrange.algorithm.taylor.event_series import contradicts
 from lagrange.algorithm.taylor.memory import Held, Taylor, TaylorLayout, weights_type
 from lagrange.algorithm.taylor.step import take_step
 from lagrange.algorithm.taylor.step_size import choose_exponent, first_floors, logarithm, weigh
-from lagrange.algorithm.taylor.watching import Arguments, arguments, numbers_of, restore_sides
+from lagrange.algorithm.taylor.watching import Arguments, arguments, numbers_of, restore_sides, watched_of
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, each, likely, mantissa, reals, unlikely
 
@@ -94,7 +94,7 @@ def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: Tayl
     After repeated rejections the outcome is UNSCALED, to get the sizes of the entries.
     """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
-    work, order, watched = given.work, given.order, given.watched
+    work, order, watched = given.work, given.order, watched_of(given)
     length = abs(held.h) / abs(taylor.scale)
     is_good = defect_is_small(length, order, layout.rows + layout.width, weights, work, layout=layout)
     if unlikely(not (is_good and not is_singular) and not retries_exhausted(taylor)):
@@ -106,7 +106,7 @@ def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: Tayl
             return Outcome.UNSCALED
         return Outcome.PAUSED
     if watched is not None:
-        is_wrong = contradicts(run.t, run.rtol, length, watched, work, layout=layout)
+        is_wrong = contradicts(run.t, run.rtol, length, watched, layout=layout)
         if unlikely(is_wrong):
             taylor.inspect = 1
             if not retries_exhausted(taylor):

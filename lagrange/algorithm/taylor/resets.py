@@ -45,30 +45,23 @@ AT_REST = 4.0
 
 @procedure(apart=True, watched=watched_type)
 def sides_at_start(
-    t: float,
-    scale: float,
-    rtol: float,
-    margin: float,
-    place: int,
-    numbers: In,
-    state: In,
-    series: In,
-    watched: Watched,
-    order: int,
+    t: float, scale: float, rtol: float, margin: float, place: int, numbers: In, there: In, watched: Watched
 ) -> bool:
     """Find the sides at the start of a motion, and the functions that start at zero.
 
-    The event at index `place` counts as zero up to `margin`. The result is False if that cannot be decided: a series
-    is not finite, that event does not leave zero at once, or another function starts at zero. At the start of a run
-    `place` is -1, and an event that does not reset the state may start at zero.
+    The state there, its compensation and its series are in the work array `there`. The event at index `place` counts
+    as zero up to `margin`. The result is False if the sides cannot be decided: a series is not finite, that event does
+    not leave zero at once, or another function starts at zero. At the start of a run `place` is -1, and an event that
+    does not reset the state may start at zero.
     """
-    layout, count = layout_of(watched.sizes), order + 1
+    layout, count = layout_of(watched.sizes), watched.order + 1
+    series = there[layout.rows :]
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
     c, first = reals(MOST_COEFFICIENTS + 1), series[layout.watched_at :]
     for i in range(layout.watched):
         values[i] = first[i]
-    write_noise(watched, numbers, t, state, layout)
+    write_noise(watched, numbers, t, there, layout)
     unit = comparable_unit(t, scale)
     tolerance = larger(rtol, 2.0**-52) * EVENT_SLACK
     for i in range(layout.watched):
@@ -89,12 +82,11 @@ def sides_at_start(
     return True
 
 
-@procedure(apart=True, watched=watched_type, work=work_type)
-def begin_sides(t: float, scale: float, rtol: float, watched: Watched, work: Out, order: int) -> bool:
+@procedure(apart=True, watched=watched_type)
+def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
     """Find the first sides of a run, and return whether that was done."""
     layout = layout_of(watched.sizes)
-    numbers, series = own_numbers(watched), work[layout.rows :]
-    is_done = sides_at_start(t, scale, rtol, 0.0, -1, numbers, work, series, watched, order)
+    is_done = sides_at_start(t, scale, rtol, 0.0, -1, own_numbers(watched), watched.work, watched)
     if is_done:
         put_sides(watched, layout)
         watched.watch.fresh = 0
@@ -116,7 +108,7 @@ def just_changed(t: float, watch: Watch) -> bool:
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
 
-@procedure(apart=True, jet=lambda: JET, watched=watched_type, work=work_type)
+@procedure(apart=True, jet=lambda: JET, watched=watched_type)
 def reset_state(
     jet: Callable[..., Any],
     prepared: In,
@@ -128,14 +120,12 @@ def reset_state(
     times: Out,
     rows: Out,
     watched: Watched,
-    work: Out,
-    order: int,
 ) -> bool:
     """Apply the reset due at the state, if the motion then leaves zero at once, and return whether that was done.
 
     If not, nothing has changed.
     """
-    layout, watch = layout_of(watched.sizes), watched.watch
+    layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
     place = watch.due - 1
@@ -144,7 +134,7 @@ def reset_state(
         return False
     if is_last(watched, place, number, layout) or watch.done >= watch.room:
         return False
-    there = work[layout.ahead(order) :]
+    there = work[layout.ahead(watched.order) :]
     for i in range(layout.padded):
         there[i], there[i + layout.lost] = work[i], 0.0
     results = new_entries(watched, layout)
@@ -156,10 +146,9 @@ def reset_state(
         there[entries[j]] = results[j]
         if not abs(results[j]) < math.inf:
             return False
-    series = there[layout.rows :]
-    if jet(t, taylor.scale, there, prepared, constants, series, order):
+    if jet(t, taylor.scale, there, prepared, constants, there[layout.rows :], watched.order):
         return False
-    if not sides_after_reset(t, taylor.scale, rtol, place, there, watched, work, order):
+    if not sides_after_reset(t, taylor.scale, rtol, place, there, watched):
         return False
     state = write_event(watched, watch.done, t, place, layout)
     for i in range(layout.dimension):
@@ -182,20 +171,17 @@ def reset_state(
     return True
 
 
-@procedure(watched=watched_type, there=work_type, work=work_type)
-def sides_after_reset(
-    t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched, work: Out, order: int
-) -> bool:
+@procedure(watched=watched_type, there=work_type)
+def sides_after_reset(t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched) -> bool:
     """Find the sides after a reset by the event at index `place`, which alone may start at zero there.
 
     An event that the reset leaves unchanged keeps its side; see `lagrange.trajectory.events.motion_start`. One that
     came near zero may have touched it: then the result is False, and the caller handles the reset.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
-    series, old = there[layout.rows :], work[layout.rows + layout.watched_at :]
+    new, old = [memory[layout.rows :][layout.watched_at :] for memory in (there, watched.work)]
     margin = abs(old[place]) * AT_REST
-    numbers = own_numbers(watched)
-    if not sides_at_start(t, scale, rtol, margin, place, numbers, there, series, watched, order):
+    if not sides_at_start(t, scale, rtol, margin, place, own_numbers(watched), there, watched):
         return False
     signs, noise = whole_part(watched, "begun", layout), real_part(watched, "noise", layout)
     for i in range(watch.surfaces):
@@ -203,7 +189,7 @@ def sides_after_reset(
             return False
     for i in range(watch.surfaces, layout.watched):
         sign, root = side(watched, SIGN, layout)[i], setting(watched, ROOT, i, layout)
-        stays = abs(series[layout.watched_at :][i] - old[i]) <= noise[i] and sign != 0 and i != place and root == 0
+        stays = abs(new[i] - old[i]) <= noise[i] and sign != 0 and i != place and root == 0
         if stays:
             if side(watched, NEAR, layout)[i] != 0:
                 return False
@@ -211,7 +197,7 @@ def sides_after_reset(
     return True
 
 
-@procedure(apart=True, jet=lambda: JET, watched=watched_type, work=work_type)
+@procedure(apart=True, jet=lambda: JET, watched=watched_type)
 def cross_surface(
     jet: Callable[..., Any],
     prepared: In,
@@ -221,14 +207,12 @@ def cross_surface(
     counts: Counts,
     taylor: Taylor,
     watched: Watched,
-    work: Out,
-    order: int,
 ) -> bool:
     """Cross the surface due at the state, if the motion leaves to the other side at once and touches no other surface.
 
     The result tells whether that was done. If not, nothing has changed.
     """
-    layout, watch = layout_of(watched.sizes), watched.watch
+    layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
     place, combination, direction = watch.due - 1, watch.combination, watch.direction
@@ -244,14 +228,13 @@ def cross_surface(
     numbers = watched.combinations[other]
     if numbers < 0:
         return False
-    there = work[layout.ahead(order) :]
+    there = work[layout.ahead(watched.order) :]
     for i in range(layout.padded * 2):
         there[i] = work[i]
-    series, scale = there[layout.rows :], taylor.scale
-    if jet(t, scale, there, prepared[numbers:], constants[numbers:], series, order):
+    scale, others = taylor.scale, watched.value_numbers[numbers:]
+    if jet(t, scale, there, prepared[numbers:], constants[numbers:], there[layout.rows :], watched.order):
         return False
-    others = watched.value_numbers[numbers:]
-    if not sides_at_start(t, scale, rtol, math.inf, place, others, there, series, watched, order):
+    if not sides_at_start(t, scale, rtol, math.inf, place, others, there, watched):
         return False
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
     if starting[place] != 1:

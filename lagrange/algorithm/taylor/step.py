@@ -20,12 +20,20 @@ from lagrange.algorithm.taylor.constants import (
 )
 from lagrange.algorithm.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.algorithm.taylor.event_series import doubtful_events
-from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, inspect_step
+from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, Step, inspect_step
 from lagrange.algorithm.taylor.memory import BLOCK, Taylor, TaylorLayout
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import ends, logarithm, power, raise_floors
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
-from lagrange.algorithm.taylor.watching import Arguments, arguments, is_event, numbers_of, restore_sides
+from lagrange.algorithm.taylor.watching import (
+    Arguments,
+    Watched,
+    arguments,
+    is_event,
+    numbers_of,
+    restore_sides,
+    watched_of,
+)
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import larger, nearest, reals, smaller, two_to, unlikely
 
@@ -37,35 +45,26 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     `exponent` is the binary logarithm of the step that the series allows, in its scale.
     """
     run, taylor, held, outputs = given.run, given.taylor, given.held, given.outputs
-    work, order, watched = given.work, given.order, given.watched
+    work, order, watched = given.work, given.order, watched_of(given)
     t, low, scale = run.t, taylor.low, taylor.scale
     left = (run.end - t) - low
     is_ending = ends(order, exponent)
     if watched is not None:
-        if unlikely(watched.watch.fresh != 0 and not begin_sides(t, scale, run.rtol, watched, work, order)):
+        if unlikely(watched.watch.fresh != 0 and not begin_sides(t, scale, run.rtol, watched)):
             return Outcome.WATCHED
-        outcome = change_motion(given, t, layout)
+        outcome = change_motion(given, t, watched, layout)
         if unlikely(outcome != Outcome.DONE):
             return outcome
     reach = logarithm(smaller(abs(left), run.longest) / abs(scale))
     if unlikely(not fits(given, exponent, reach, is_ending)):
         return rescale(taylor, exponent, reach, is_ending)
-    # Operations that do not need the coefficients come first: processors run them before the last one is available.
-    inverse = 1.0 / abs(scale)
-    whole_way = abs(left) * inverse
-    own = smaller(run.longest, taylor.limit)
-    bound = smaller(smaller(own, taylor.next_limit) * inverse, whole_way)
-    spacing = larger(abs(t), EARLIEST) * SPACING
-    natural, whole = power(exponent)
-    is_bounded = natural * NEAR_END >= bound
-    s = bound if is_bounded else natural
-    final = is_bounded and bound == whole_way
-    if unlikely(smaller(natural, own * inverse) < spacing * inverse and not final):
+    s, whole, final, is_small = length_of_step(given, t, scale, left, exponent)
+    if unlikely(is_small):
         return Outcome.STEP_TOO_SMALL
     h = left if final else s * scale
     run.h = h
     if watched is not None:
-        cause, taken = inspected(given, t, low, scale, s, left, final, layout)
+        cause, taken = inspected(given, Step(t, low, scale, run.rtol, s, left, final), watched, layout)
         if unlikely(cause != Outcome.DONE):
             return cause
         is_whole = taken == s
@@ -76,8 +75,8 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     # A series that terminates may not satisfy the equations along a longer step; an event may have shortened it enough.
     is_longer = abs(h) > STEP_GROWTH * abs(held.h)
     if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
-        numbers = numbers_of(given, layout)
-        if not defect_along_step(given.jet, *numbers, run.rtol, given.floors, t, scale, s, work, order, layout=layout):
+        numbers, sizes = numbers_of(given, layout), (run.rtol, given.floors)
+        if not defect_along_step(given.jet, *numbers, *sizes, t, scale, s, work, order, layout=layout):
             retry_shorter(given.counts, taylor, h)
             if watched is not None:
                 restore_sides(watched, layout)
@@ -87,26 +86,38 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     longer = two_to(int(0.0 if whole > LARGEST_SCALE_RATIO else whole))
     if unlikely(not advance(s, longer, work, order, layout=layout)):
         return Outcome.NON_FINITE
-    held.t, held.low, held.scale, held.h = t, low, scale, h
-    held.unproven = 1
-    move_on(given, t, h + low, final)
+    move_on(given, t, h, final)
     if layout.projected:
-        state, lost = work[0:], work[layout.lost :]
-        numbers = given.projection, given.projection_numbers
-        outcome, _ = project(*numbers, run.t, state, lost, dimension=layout.dimension, block=layout.block)
-        if unlikely(outcome == Outcome.UNPROJECTED):
-            if retries_exhausted(taylor):
-                return outcome
-            reject_step(run, given.counts, taylor, held, work, layout=layout)
-            if watched is not None:
-                restore_sides(watched, layout)
-            return Outcome.PAUSED
-    end = run.t
+        result = projected(given, watched, layout)
+        if unlikely(result != Outcome.DONE):
+            return result
     outputs.ahead = outputs.done
-    if unlikely(outstanding(given.output_times, outputs.done, end, scale)):
-        write_outputs(end, held, outputs, given.output_times, given.output_states, work, order, layout=layout)
+    if unlikely(outstanding(given.output_times, outputs.done, run.t, scale)):
+        write_outputs(run.t, held, outputs, given.output_times, given.output_states, work, order, layout=layout)
     taylor.scale = scale * longer
     return Outcome.PAUSED
+
+
+@inline
+def length_of_step(
+    given: Arguments, t: float, scale: float, left: float, exponent: float
+) -> tuple[float, float, bool, bool]:
+    """Return the step in units of the scale, its natural exponent rounded, and whether it is the last or too small.
+
+    Operations that do not need the coefficients come first: processors run them before the last coefficient is
+    available.
+    """
+    run, taylor = given.run, given.taylor
+    inverse = 1.0 / abs(scale)
+    whole_way = abs(left) * inverse
+    own = smaller(run.longest, taylor.limit)
+    bound = smaller(smaller(own, taylor.next_limit) * inverse, whole_way)
+    spacing = larger(abs(t), EARLIEST) * SPACING
+    natural, whole = power(exponent)
+    is_bounded = natural * NEAR_END >= bound
+    final = is_bounded and bound == whole_way
+    is_small = smaller(natural, own * inverse) < spacing * inverse and not final
+    return bound if is_bounded else natural, whole, final, is_small
 
 
 @inline
@@ -141,56 +152,62 @@ def rescale(taylor: Taylor, exponent: float, reach: float, terminates: bool) -> 
 
 
 @inline
-def change_motion(given: Arguments, t: float, layout: TaylorLayout) -> Outcome:
+def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
     """Apply the reset or crossing that is due at the state, if that can be done here.
 
     The outcome is DONE if nothing was changed, and the step is to be taken.
     """
-    watched, run, work, order = given.watched, given.run, given.work, given.order
     watch, result = watched.watch, Outcome.DONE
     if layout.observes:
         if unlikely(watch.due != 0):
             result = Outcome.WATCHED
     elif unlikely(watch.due != 0 and watch.enabled != 0):
-        is_done = False
+        records, is_done = (t, given.run.rtol, given.counts, given.taylor), False
         if is_event(watched, watch.due - 1):
-            series = given.jet, *numbers_of(given, layout)
-            is_done = reset_state(
-                *series, t, run.rtol, given.counts, given.taylor, given.times, given.rows, watched, work, order
-            )
+            is_done = reset_state(given.jet, *numbers_of(given, layout), *records, given.times, given.rows, watched)
         else:
-            series = given.jet, given.prepared, given.constants
-            is_done = cross_surface(*series, t, run.rtol, given.counts, given.taylor, watched, work, order)
+            is_done = cross_surface(given.jet, given.prepared, given.constants, *records, watched)
         result = Outcome.PAUSED if is_done else Outcome.DONE
     return result
 
 
 @inline
-def inspected(
-    given: Arguments, t: float, low: float, scale: float, s: float, left: float, final: bool, layout: TaylorLayout
-) -> tuple[Outcome, float]:
+def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
     """Find zeros on the step; return DONE and its new length, in units of the scale, or why it is not taken."""
-    watched, taylor, work, order = given.watched, given.taylor, given.work, given.order
-    watch, doubtful = watched.watch, reals(layout.watched, room=BLOCK)
-    everything, outcome, length = taylor.inspect != 0, Outcome.DONE, s
-    is_doubtful = doubtful_events(s, everything, doubtful, work, order, layout=layout)
+    taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=BLOCK)
+    everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
+    is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
     if unlikely(is_doubtful and taylor.next_limit == math.inf):
         outcome = Outcome.WATCHED
         if watch.enabled != 0 and watch.due == 0 and watch.planned <= given.counts.steps:
-            answer, length = inspect_step(
-                t, low, scale, given.run.rtol, s, left, final, doubtful, taylor, watched, work, order
-            )
+            answer, length = inspect_step(step, doubtful, taylor, watched)
             decided = Outcome.PAUSED if answer == WAIT else Outcome.WATCHED
             outcome = Outcome.DONE if answer == GO_ON else decided
     return outcome, length
 
 
 @inline
-def move_on(given: Arguments, t: float, added: float, final: bool) -> None:
-    """Advance the time with compensation."""
-    run, taylor = given.run, given.taylor
-    total, lost = compensated(t, added)
+def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
+    """Advance the time with compensation, and store the beginning of the step."""
+    run, taylor, held = given.run, given.taylor, given.held
+    held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
+    held.unproven = 1
+    total, lost = compensated(t, h + taylor.low)
     run.t = run.end if final else total
     taylor.low = 0.0 if final else lost
     taylor.next_limit = math.inf
     taylor.rescalings = 0
+
+
+@inline
+def projected(given: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
+    """Project the compensated state onto the constraints; return DONE, or PAUSED for a shorter step if that fails."""
+    work, taylor = given.work, given.taylor
+    corrections, lost = (given.projection, given.projection_numbers), work[layout.lost :]
+    result, _ = project(*corrections, given.run.t, work, lost, dimension=layout.dimension, block=layout.block)
+    if unlikely(result == Outcome.UNPROJECTED and not retries_exhausted(taylor)):
+        reject_step(given.run, given.counts, taylor, given.held, work, layout=layout)
+        if watched is not None:
+            restore_sides(watched, layout)
+        result = Outcome.PAUSED
+    return result

@@ -7,7 +7,7 @@ with nothing changed. The record of arguments that the loop over steps passes to
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
@@ -27,7 +27,7 @@ from lagrange.algorithm.taylor.memory import (
     rows_type,
     work_type,
 )
-from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
 from lagrange.procedure.front.plain import Bundle, Stated, inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, form_of, record
 
@@ -177,11 +177,22 @@ class Watched:
     whole_scratch: WholesOut
     """See `WHOLES`."""
 
+    work: Any
+    """The work array with the series, None in the arguments of a step, which have it themselves."""
+
+    order: Any
+    """The order of the series, or None; see `work`."""
+
 
 def watched_type() -> Bundle:
-    """Return the type of the watched functions."""
+    """Return the type of the watched functions and their series."""
+    return Bundle(Watched, {**watched_types(), "work": work_type(), "order": WHOLE})
+
+
+def watched_types() -> dict[str, Stated]:
+    """Return the types of the watched functions without their series."""
     blocks = Array(room=BLOCK)
-    return Bundle(Watched, {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks})
+    return {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks}
 
 
 @inline
@@ -314,12 +325,19 @@ def arguments(layout: TaylorLayout) -> Bundle:
         "floors": floors_type(layout),
         "output_states": rows_type(layout),
         "rows": rows_type(layout),
-        "watched": watched_type() if layout.watched else None,
+        "watched": Bundle(Watched, {**watched_types(), "work": None, "order": None}) if layout.watched else None,
         "projection": CORRECTIONS if layout.projected else None,
         "projection_numbers": READ if layout.projected else None,
         "work": work_type(),
     }
     return Bundle(Arguments, types)
+
+
+@inline
+def watched_of(given: Arguments) -> Any:
+    """Return the `Watched` functions with their series, or None."""
+    watched, work, order = given.watched, given.work, given.order
+    return None if watched is None else replace(watched, work=work, order=order)
 
 
 @inline

@@ -34,7 +34,7 @@ class CompiledSteps:
 
     def __init__(self, layout: TaylorLayout) -> None:
         with _BUILDING:
-            procedure, watches = taylor_steps(layout), layout.watched > 0
+            procedure, watches = taylor_steps.form(layout=layout), layout.watched > 0
             self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
             text = steps_ir(procedure, event_procedures() if watches else ())
             self.module = TieredModule(text, "run", merge=True, needs=link_events if watches else None)
