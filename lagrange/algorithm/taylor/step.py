@@ -162,11 +162,12 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
         if unlikely(watch.due != 0):
             result = Outcome.WATCHED
     elif unlikely(watch.due != 0 and watch.enabled != 0):
-        records, is_done = (t, given.run.rtol, given.counts, given.taylor), False
+        jet, rtol, counts, taylor, is_done = given.jet, given.run.rtol, given.counts, given.taylor, False
         if is_event(watched, watch.due - 1):
-            is_done = reset_state(given.jet, *numbers_of(given, layout), *records, given.times, given.rows, watched)
+            prepared, constants = numbers_of(given, layout)
+            is_done = reset_state(jet, prepared, constants, t, rtol, counts, taylor, given.times, given.rows, watched)
         else:
-            is_done = cross_surface(given.jet, given.prepared, given.constants, *records, watched)
+            is_done = cross_surface(jet, given.prepared, given.constants, t, rtol, counts, taylor, watched)
         result = Outcome.PAUSED if is_done else Outcome.DONE
     return result
 
