@@ -19,8 +19,8 @@ from lagrange.algorithm.taylor.memory import (
     Held,
     OutputCounts,
     Sizes,
-    Taylor,
     TaylorLayout,
+    TaylorState,
     floors_type,
     layout_of,
     row,
@@ -54,13 +54,13 @@ def defect_is_small(length: float, order: int, first: int, weights: In, work: Ou
 
 
 @inline
-def retries_exhausted(taylor: Taylor) -> bool:
+def retries_exhausted(taylor: TaylorState) -> bool:
     """Return whether the retry limit is reached: a shorter step would be lost in round-off."""
     return taylor.failures >= MOST_FAILURES
 
 
 @procedure(apart=True)
-def retry_shorter(counts: Counts, taylor: Taylor, h: float) -> None:
+def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
     """Prepare a shorter step, with a new inspection of the event functions."""
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
@@ -70,7 +70,7 @@ def retry_shorter(counts: Counts, taylor: Taylor, h: float) -> None:
 
 
 @procedure(apart=True, work=work_type)
-def reject_step(run: Run, counts: Counts, taylor: Taylor, held: Held, work: Out, *, layout: TaylorLayout) -> None:
+def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
     """Return to the beginning of the last step."""
     kept, size = work[layout.held :], 2 * layout.padded
     for i in each(size, width=layout.block, spill=True, disjoint=True):
@@ -84,7 +84,7 @@ def reject_step(run: Run, counts: Counts, taylor: Taylor, held: Held, work: Out,
 def record_step(
     run: Run,
     counts: Counts,
-    taylor: Taylor,
+    taylor: TaylorState,
     held: Held,
     outputs: OutputCounts,
     work: Out,

@@ -24,7 +24,7 @@ from lagrange.algorithm.taylor.event_series import (
     safe_step,
     write_noise,
 )
-from lagrange.algorithm.taylor.memory import RecordedLayout, Taylor, layout_of, row
+from lagrange.algorithm.taylor.memory import RecordedLayout, TaylorState, layout_of, row
 from lagrange.algorithm.taylor.sums import state_on_step
 from lagrange.algorithm.taylor.watching import (
     COLUMN,
@@ -200,7 +200,7 @@ class Step:
 
 
 @procedure(apart=True, watched=watched_type)
-def inspect_step(step: Step, doubtful: In, taylor: Taylor, watched: Watched) -> tuple[int, float]:
+def inspect_step(step: Step, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Inspect a step on which watched functions may vanish; return a decision and the new length.
 
     Functions that are not `doubtful` keep their signs on the step. If it is taken, its events are written, and the
@@ -246,7 +246,7 @@ def verified_length(step: Step, length: float, watched: Watched, layout: Any) ->
 
 @procedure(watched=watched_type)
 def end_at_change(
-    zeros: Zeros, number: int, change: int, step: Step, doubtful: In, taylor: Taylor, watched: Watched
+    zeros: Zeros, number: int, change: int, step: Step, doubtful: In, taylor: TaylorState, watched: Watched
 ) -> tuple[int, float]:
     """End the step at its first change; return a decision and the new length.
 
@@ -395,7 +395,9 @@ def count_near(zeros: Zeros, count: int, at: float, distance: float) -> int:
 
 
 @procedure(watched=watched_type)
-def accept(zeros: Zeros, count: int, before: float, step: Step, taylor: Taylor, watched: Watched, again: bool) -> int:
+def accept(
+    zeros: Zeros, count: int, before: float, step: Step, taylor: TaylorState, watched: Watched, again: bool
+) -> int:
     """Write the events before a time on the step, and the sides at its end; save the sides before it.
 
     `again` forces an inspection of the next step. The result is a decision.

@@ -10,7 +10,7 @@ from lagrange.algorithm.step.constants import MOST_SURVEYS
 from lagrange.algorithm.step.run import Counts, Run
 from lagrange.algorithm.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
 from lagrange.algorithm.taylor.event_series import contradicts
-from lagrange.algorithm.taylor.memory import Held, Taylor, TaylorLayout, weights_type
+from lagrange.algorithm.taylor.memory import Held, TaylorLayout, TaylorState, weights_type
 from lagrange.algorithm.taylor.step import take_step
 from lagrange.algorithm.taylor.step_size import choose_exponent, first_floors, logarithm, weigh
 from lagrange.algorithm.taylor.watching import Arguments, arguments, numbers_of, restore_sides, watched_of
@@ -37,7 +37,7 @@ def taylor_steps(given: Arguments, budget: int, *, layout: TaylorLayout) -> Outc
 
 
 @inline
-def begin_run(run: Run, counts: Counts, taylor: Taylor, held: Held, work: Any, layout: TaylorLayout) -> None:
+def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Any, layout: TaylorLayout) -> None:
     """Reset the compensation, the counters and the limits, and give the scale of time the sign of the run's direction.
 
     The caller may have asked for an inspection of the first step.

@@ -29,7 +29,7 @@ machine has prepared, the rows and the order. It returns whether a matrix is sin
 
 
 @record
-class Taylor:
+class TaylorState:
     """The state of a run by Taylor series, in addition to those of `Run` and `Counts`."""
 
     low: float
@@ -81,7 +81,7 @@ class OutputCounts:
     """Number including the last step."""
 
 
-TAYLOR, HELD, OUTPUTS = form_of(Taylor), form_of(Held), form_of(OutputCounts)
+TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCounts)
 """The records in memory."""
 
 BLOCK = 8

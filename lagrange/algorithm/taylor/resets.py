@@ -11,7 +11,7 @@ from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.run import Counts
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.event_series import comparable_unit, start_of_series, write_noise
-from lagrange.algorithm.taylor.memory import JET, Taylor, layout_of, work_type
+from lagrange.algorithm.taylor.memory import JET, TaylorState, layout_of, work_type
 from lagrange.algorithm.taylor.watching import (
     COUNT,
     DIRECTION,
@@ -116,7 +116,7 @@ def reset_state(
     t: float,
     rtol: float,
     counts: Counts,
-    taylor: Taylor,
+    taylor: TaylorState,
     times: Out,
     rows: Out,
     watched: Watched,
@@ -205,7 +205,7 @@ def cross_surface(
     t: float,
     rtol: float,
     counts: Counts,
-    taylor: Taylor,
+    taylor: TaylorState,
     watched: Watched,
 ) -> bool:
     """Cross the surface due at the state, if the motion leaves to the other side at once and touches no other surface.

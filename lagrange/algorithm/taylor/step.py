@@ -21,7 +21,7 @@ from lagrange.algorithm.taylor.constants import (
 from lagrange.algorithm.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.algorithm.taylor.event_series import doubtful_events
 from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, Step, inspect_step
-from lagrange.algorithm.taylor.memory import BLOCK, Taylor, TaylorLayout
+from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import ends, logarithm, power, raise_floors
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
@@ -135,7 +135,7 @@ def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bo
 
 
 @procedure(apart=True)
-def rescale(taylor: Taylor, exponent: float, reach: float, terminates: bool) -> Outcome:
+def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
     """Change the scale of time to the step's own, for another series, and return an outcome.
 
     The scale becomes shorter if a coefficient overflowed, and longer, up to the longest step, if the last coefficients

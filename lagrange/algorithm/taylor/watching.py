@@ -21,8 +21,8 @@ from lagrange.algorithm.taylor.memory import (
     Held,
     OutputCounts,
     Sizes,
-    Taylor,
     TaylorLayout,
+    TaylorState,
     floors_type,
     rows_type,
     work_type,
@@ -298,7 +298,7 @@ class Arguments:
     constants: In
     run: Run
     counts: Counts
-    taylor: Taylor
+    taylor: TaylorState
     floors: Out
     held: Held
     outputs: OutputCounts
