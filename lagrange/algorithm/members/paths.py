@@ -42,10 +42,9 @@ def series_path(layout: TaylorLayout, entries: Sequence[int]) -> Procedure:
     """Return the path by the series of the last step; the state before the step is stored with its rows."""
     p = Builder("series_path", "Write the state at a fraction of a step.")
     theta, ratio = p.given("theta", REAL), p.given("ratio", REAL)
-    work, out = p.array("work", read=True), p.array("out")
+    work, out, order = p.array("work", read=True), p.array("out"), p.given("order", WHOLE)
     before, lost = (work.at(layout.held + place) for place in (0, layout.padded))
     powers, trace = powers_of(theta * ratio), Tracer(p, ())
-    order = p.given("order", WHOLE)
     for j in entries:
         out[j] = before[j] + (trace.call(series_sum, work, order, powers, p.whole(j), layout) + lost[j])
     return p.finish()
