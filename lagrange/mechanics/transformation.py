@@ -25,6 +25,7 @@ from lagrange.mechanics.plain_form import (
     fresh_name,
     names_of,
     number,
+    prescribed,
     real,
     simplest,
     vanishes,
@@ -176,7 +177,8 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     known = {p: sympy.Rational(x) for p, x in made.defaults.items()} | {t: sympy.S.Zero}
     known |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
     stays = {x: value for x, value in known.items() if x not in [plain[i] for i in unknowns]}
-    zeros = [x.xreplace(stays) - sympy.Rational(place) for x, place in zip(change.old, places.tolist(), strict=True)]
+    expressions = (prescribed(x).xreplace(stays) for x in change.old)
+    zeros = [x - sympy.Rational(place) for x, place in zip(expressions, places.tolist(), strict=True)]
     angles = [_is_angle(change, q) for q in change.new]
     lengths = [i for i, q in enumerate(change.new) if q in change.positive]
     ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)

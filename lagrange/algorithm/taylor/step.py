@@ -72,7 +72,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
         final = final and is_whole
         s = taken
         run.h = h
-    # A series that terminates may not satisfy the equations along a longer step; an event may have shortened it enough.
+    # A series that terminates may not satisfy the equations along a longer step. An event may have shortened it.
     is_longer = abs(h) > STEP_GROWTH * abs(held.h)
     if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
         numbers, sizes = numbers_of(given, layout), (run.rtol, given.floors)
