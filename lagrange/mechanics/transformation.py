@@ -156,7 +156,9 @@ def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
-    """Return the new initial state (q, v) at which the old one has its values; of several one with small coordinates.
+    """Return the new initial state (q, v) that the transformation maps to the old one.
+
+    Of several, one with positive lengths is preferred, then the one with the smallest coordinates.
 
     Raises StatementError if no such state is found, or if parameters have no values.
     """
@@ -276,7 +278,7 @@ def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _check_regular(change: Transformation) -> None:
-    """Raise StatementError if the old coordinates are dependent functions of the new ones at every place."""
+    """Raise StatementError if the Jacobian determinant of the transformation is zero everywhere."""
     places = [change.coordinates.index(q) for q in change.new]
     determinant = change.slopes.extract(list(range(len(change.gone))), places).det(method="berkowitz")
     if simplest(determinant) == 0:
@@ -548,7 +550,7 @@ def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name
     lengths = np.diff(times)
     if not len(lengths):
         return np.zeros(1)
-    rule: Any = quad_vec  # its types know numbers alone, not arrays
+    rule: Any = quad_vec  # the type stubs declare results that are numbers alone
     changes, _, found = rule(
         lambda share: speed(times[:-1] + share * lengths) * lengths,
         0.0,

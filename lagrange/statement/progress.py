@@ -1,4 +1,4 @@
-"""A progress bar on a terminal and in a notebook; silence in a pipe, or lines where these are asked for."""
+"""A progress bar on a terminal or in a notebook. Other outputs get nothing, or lines of text on request."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def deriving(name: str) -> AbstractContextManager[None]:
 
 @contextmanager
 def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
-    """Show the first words after `SILENT_SECONDS` of work; in a notebook the second words replace them at the end."""
+    """Show `doing` after `SILENT_SECONDS` of work. In a notebook `done` replaces it at the end."""
     display = _display_of(wanted)
     if display is None:
         yield
@@ -144,7 +144,7 @@ class _Log:
 
 
 def _display_of(wanted: bool | str) -> _Terminal | _Notebook | _Log | None:
-    """Return where progress is shown, None if nowhere."""
+    """Return the display for progress, or None."""
     if wanted and in_notebook():
         return _Notebook()
     if wanted and sys.stderr is not None and sys.stderr.isatty():

@@ -53,8 +53,9 @@ LOOK, READ_EVENTS = 16, 17
 """Codes beside those of `Outcome`: a step is irregular; the arrays of events or of changes of the motion are full."""
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
-"""For each event: where among the results of all resets its own begin, how many there are, and how often it has to
-count until the run ends, or 0. Behind them, at `SETTINGS` blocks, stand the entries of the state that are reset."""
+"""Blocks of `settings`, with one entry for each event: the index of its first reset result, the number of its reset
+results, and the number of occurrences after which it ends the run, 0 for never. Then, from block `SETTINGS` on, the
+indices of the entries of the state that are reset."""
 
 NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
 """Number of reals and counts of a run. The floors follow the reals."""
@@ -75,28 +76,28 @@ class EventRun:
     """State of a run with events."""
 
     count: int
-    """Number of steps since all were reviewed; step i of them leads from row i to the next."""
+    """Number of steps that wait for a review; step i of them leads from row i to the next row."""
 
     begin: int
-    """The first of them, from 1 on, that is to be reviewed."""
+    """Index of the first waiting step to review, from 1 on."""
 
     before: int
     """1 if row 0 is the state before row 1, of the same motion."""
 
     outcome: int
-    """Their `Outcome`."""
+    """`Outcome` of the waiting steps."""
 
     rows: int
-    """Number of rows that were written before them."""
+    """Number of rows that were written before the waiting steps."""
 
     proven: int
-    """Number of zeros that were written before them."""
+    """Number of zeros that were written before the waiting steps."""
 
     budget: int
     """Number of steps that the caller allows."""
 
     left: int
-    """Number of them that are left."""
+    """Number of steps that are left of `budget`."""
 
     longest: int
     """Largest number of steps before a review."""
@@ -432,7 +433,8 @@ def reset(loop: EventLoop) -> bool:
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
     """Return true if the motion passes zero as its path does, and the mass matrix is regular after the reset.
 
-    The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
+    On a long step the interpolant may reach zero while the velocity there points away again already. A reset would then
+    turn the motion the wrong way.
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y
@@ -463,7 +465,7 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
 
 @inline
 def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, values: In) -> None:
-    """Keep the event and the new state, and begin a motion there."""
+    """Record an event and the state after its reset, and start the next smooth piece there."""
     waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
     run, counts = waiting.event_run, waiting.counts
     watch.which[watch.review.found] = event
@@ -492,7 +494,7 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Keep the side of an event that the reset leaves unchanged; a passage that is still to count is searched for.
+    """Keep the sign of an event function that the reset does not change; else set it to 0, which is not known.
 
     `values` are those of the event before and after. See `lagrange.trajectory.events.motion_start` for the rule.
     """

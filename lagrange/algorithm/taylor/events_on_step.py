@@ -182,9 +182,11 @@ class Step:
     """A step that is to be inspected."""
 
     t: float
-    """Its beginning, and `low` the rounding error of that."""
+    """The time at which the step begins."""
 
     low: float
+    """The rounding error of `t`."""
+
     scale: float
     """The unit of time of the series."""
 
@@ -203,8 +205,8 @@ class Step:
 def inspect_step(step: Step, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Inspect a step on which watched functions may vanish; return a decision and the new length.
 
-    Functions that are not `doubtful` keep their signs on the step. If it is taken, its events are written, and the
-    sides are those at its end. Otherwise nothing has changed.
+    Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and the signs at
+    its end are written. Otherwise nothing changes.
     """
     layout, watch, work, s = layout_of(watched.sizes), watched.watch, watched.work, step.s
     values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)

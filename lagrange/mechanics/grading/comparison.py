@@ -240,7 +240,7 @@ def _likeliest(
 ) -> tuple[StudentEquation, EquationRow]:
     """Return the first reading of an equation that holds at all samples, or else its first linear reading.
 
-    A reading may hold with exact numbers for its decimals. Such a one has a sentence on these.
+    A reading may hold with exact numbers for its decimals. Then `rounded` has a sentence on these.
     A reading that is not linear in the accelerations is skipped. Raises StatementError if all readings are such.
     """
     rows: list[tuple[StudentEquation, EquationRow]] = []
@@ -300,10 +300,10 @@ def _blamed(
     samples: Sequence[MotionSample],
     write: Write,
 ) -> tuple[Sequence[EquationRow], tuple[int, ...], WrongTerm]:
-    """Return the equations, the indices of the wrong ones and the first wrong term, for the better sign of multipliers.
+    """Return the equations, the indices of the wrong ones and the first wrong term; choose the sign of multipliers.
 
-    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign. If as many
-    hold with either, one wrong term is better than several, and a tension or a normal force is positive.
+    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign. The sign
+    with fewer wrong equations counts; then the one with a single wrong term; then the one with positive forces.
     """
     turned = {constraint.multiplier: -constraint.multiplier for constraint in rows[0].statement.constraints}
     others = [row.with_symbols(turned) for row in rows] if any(row.zero.has(*turned) for row in rows) else []

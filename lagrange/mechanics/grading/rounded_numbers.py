@@ -29,10 +29,11 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(
     equation: StudentEquation, row: EquationRow, samples: Sequence[MotionSample]
 ) -> StudentEquation | None:
-    """Return an equation with a sentence on its decimals if exact numbers make it hold at all samples, else None.
+    """Return an equation that holds at all samples with exact numbers for its decimals, or None if none does.
 
-    A decimal is an exact number, rounded or cut off. For a product of decimals, which SymPy multiplies, the relative
-    error is that of the most precise one. The exact numbers replace decimals with enough digits.
+    Its `rounded` is a sentence on these numbers. A decimal is an exact number, rounded or cut off. For a product of
+    decimals, which SymPy multiplies, the relative error is that of the most precise one. The exact numbers replace
+    decimals with enough digits.
     """
     typed = sorted(map(Decimal, _DECIMAL.findall(equation.read)), key=_unit)
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
@@ -58,7 +59,7 @@ def with_exact_numbers(
 
 
 def _unit(number: Decimal) -> float:
-    """Return a unit of the last digit relative to a decimal number."""
+    """Return the size of one unit in the last digit of a number, relative to the number."""
     return 10.0 ** int(number.as_tuple().exponent) / float(number) if number else 1.0
 
 
@@ -68,7 +69,7 @@ def _text(value: Any, digits: int) -> str:
 
 
 def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
-    """Return {decimal: number} so that the equation holds at as many samples, by one step of Newton's method.
+    """Return {decimal: exact number}: one step of Newton's method with as many samples as there are decimals.
 
     Decimals that are exact are left out. The last ones stay as they are if the others determine the equation up to a
     factor. Raises OutsideDomain if no number is determined.

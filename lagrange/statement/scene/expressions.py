@@ -480,7 +480,7 @@ class Expressions:
 
     def __init__(self, names: Mapping[str, Any], calls: Collection[str] = ()) -> None:
         known = {**names, **PREDEFINED_VALUES}
-        # built in real symbols: for q(t), which may be complex to SymPy, its questions on signs take long
+        # In real symbols SymPy tests signs quickly; q(t) may be complex, and its tests take long.
         self.names = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
         self.calls = calls
         self.guard = Guard()
