@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_k
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
-from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate
+from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate, moved
 from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -90,9 +90,9 @@ def runge_kutta_step(tableau: ButcherTableau) -> StepProgram:
     """Return the step program of a tableau."""
     estimate = tableau.error
     if estimate is None:
-        return trace(tableau.name, lambda f, t, y, h: tableau.moved(f, t, y, h)[0])
+        return trace(tableau.name, lambda f, t, y, h: moved(tableau, f, t, y, h)[0])
     control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
-    return trace(tableau.name, tableau.moved, control=control)
+    return trace(tableau.name, partial(moved, tableau), control=control)
 
 
 @built_in("euler")

@@ -41,6 +41,17 @@ def rows(text: str) -> tuple[Coefficients, ...]:
     return tuple(row(line) for line in text.splitlines() if line.strip())
 
 
+def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
+    """Return the state after a step of length h, and its error estimates: none, one, or a second for damping."""
+    slopes: list[Any] = []
+    for row, c in zip(tableau.A, tableau.c, strict=True):
+        stage = y + _weighted(row, slopes) * h if any(row) else y
+        slopes.append(f(t + c * h if c else t, stage))
+    new = y + _weighted(tableau.b, slopes) * h
+    estimates = (tableau.error.weights, tableau.error.damping) if tableau.error else ()
+    return new, *(_weighted(weights, slopes) * h for weights in estimates if weights)
+
+
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
     """Return the sum of slopes, each times its weight; those beyond the last weight are left out."""
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
@@ -127,16 +138,6 @@ class ButcherTableau:
     def __hash__(self) -> int:
         # A method is looked up at every run, and hashing some hundred fractions takes as long as a short run.
         return hash((self.name, self.order))
-
-    def moved(self, f: Callable[[Any, Any], Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
-        """Return the state after a step of length h, and its error estimates: none, one, or a second for damping."""
-        slopes: list[Any] = []
-        for row, c in zip(self.A, self.c, strict=True):
-            stage = y + _weighted(row, slopes) * h if any(row) else y
-            slopes.append(f(t + c * h if c else t, stage))
-        new = y + _weighted(self.b, slopes) * h
-        estimates = (self.error.weights, self.error.damping) if self.error else ()
-        return new, *(_weighted(weights, slopes) * h for weights in estimates if weights)
 
     @property
     def stages(self) -> int:
