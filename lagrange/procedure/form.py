@@ -84,6 +84,10 @@ class Array:
         return (self.size or 0) + max(self.room - 1, 0) or 1
 
 
+READ = Array(read=True)
+"""An array of real numbers that is only read."""
+
+
 @dataclass(frozen=True)
 class Callee:
     """The type of a function that is a parameter: kinds of its numbers and arrays, and of its results.

@@ -15,14 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.procedure.form import WHOLE, Array, Callee, Procedure
+from lagrange.procedure.form import READ, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
 
 LANES = 8
 """The steps of a block in machine code: the widest vectors of doubles that processors have."""
-
-READ = Array(read=True)
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
 """A law over columns: of how many there are, their times, coordinates and velocities, and the parameters, to the

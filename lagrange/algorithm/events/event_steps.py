@@ -18,8 +18,8 @@ from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_
 from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, Watch
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
-from lagrange.algorithm.step.run import COUNTS, RUN
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
+from lagrange.algorithm.step.run import COUNTS, FUNCTION, RUN
+from lagrange.procedure.form import WHOLE, Array, Callee
 from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -35,16 +35,11 @@ from lagrange.procedure.front.vocabulary import (
     unlikely,
 )
 
-READ = Array(read=True)
-
 STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
 """A function that takes steps and returns an `Outcome`.
 
 Its arguments: data that the machine has prepared, the numbers and counts of the run, work memory, the number of tries,
 and the arrays for times and states."""
-
-FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A function of a time, a state and numbers that the machine has prepared; it says whether it has no value."""
 
 MOST_STEPS = 1024
 """Steps that are taken, at most, before they are reviewed: their times and states are kept until then."""

@@ -6,11 +6,9 @@ Source: R. P. Brent, Algorithms for Minimization without Derivatives, 1973, chap
 from __future__ import annotations
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import PARTIAL, REAL, WHOLE, Array, Callee, Kind, Procedure
+from lagrange.procedure.form import PARTIAL, READ, REAL, WHOLE, Array, Callee, Kind, Procedure
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Real, Whole
-
-READ = Array(read=True)
 
 ALONG: tuple[Kind | Array, ...] = (REAL, REAL, REAL, WHOLE, READ, READ, WHOLE)
 """Arguments for a value along a step: the beginning of the step, its length in time and in the unit of the polynomial,

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from lagrange.algorithm.dense.block import LANES, READ, StepPolynomial, block_size, steps_in
+from lagrange.algorithm.dense.block import LANES, StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import powers_of, series_sum
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Array, Callee, Procedure
+from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, generated

@@ -16,7 +16,7 @@ from lagrange.algorithm.projection import CORRECTIONS, project, starts_on_constr
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.algorithm.step.controlled_steps import controlled_steps
 from lagrange.algorithm.step.memory import Effort, Layout
-from lagrange.algorithm.step.run import BY_PLACE, Counts, Run, Running
+from lagrange.algorithm.step.run import FUNCTION, Counts, Run, Running
 from lagrange.algorithm.step.trial import take_step
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import Bundle, inline, procedure
@@ -36,7 +36,7 @@ class Functions:
 def functions_of(layout: Layout) -> Bundle:
     """Return the type of the functions of a system."""
     projection = CORRECTIONS if layout.projected else None
-    return Bundle(Functions, {"law": BY_PLACE, "jacobian": BY_PLACE, "projection": projection})
+    return Bundle(Functions, {"law": FUNCTION, "jacobian": FUNCTION, "projection": projection})
 
 
 def state_array(layout: Layout) -> Array:

@@ -8,15 +8,15 @@ from typing import Any
 
 from lagrange.algorithm.projection import CORRECTIONS
 from lagrange.algorithm.step.memory import Effort, Layout, Newton, work_array
-from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.form import FLAG, READ, REAL, Array, Callee
 from lagrange.procedure.front.plain import Bundle, Stated
 from lagrange.procedure.front.vocabulary import In, Out, form_of, record
 from lagrange.program.actions import LAWS
 
-READ = Array(read=True)
+FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
+"""A function between arrays: of a time, a state and prepared numbers, to its results.
 
-BY_PLACE = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A law between arrays: of a time, a state and the parameters, to the results; it says whether a matrix is singular."""
+It returns whether it is undefined; a law is so where a matrix is singular."""
 
 
 @record
@@ -97,7 +97,7 @@ def law_type(layout: Layout) -> Callee:
     """Return the type of the law. In registers it takes and returns numbers, and whether a matrix is singular."""
     results = LAWS[layout.step.law].results * (layout.dimension // 2)
     by_number = Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
-    return by_number if layout.in_registers else BY_PLACE
+    return by_number if layout.in_registers else FUNCTION
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def running(layout: Layout) -> Bundle:
     starters = len(layout.starting.solves) if layout.step.starter is not None else 0
     types: dict[str, Stated] = {
         "law": law_type(layout),
-        "jacobian": BY_PLACE,
+        "jacobian": FUNCTION,
         "floors": Array(size=layout.dimension, room=layout.block),
         "newtons": (newton,) * len(layout.solves),
         "starters": (newton,) * starters,

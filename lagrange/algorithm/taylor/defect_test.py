@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from lagrange.algorithm.step.run import Counts, Run
+from lagrange.algorithm.step.run import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.constants import DEFECT, DEFECT_NOISE, EVENT_SLACK, MOST_FAILURES, PROBES, RETRY_FRACTION
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (
@@ -30,7 +30,6 @@ from lagrange.algorithm.taylor.memory import (
 )
 from lagrange.algorithm.taylor.step_size import weigh
 from lagrange.algorithm.taylor.sums import horner, state_on_step
-from lagrange.algorithm.taylor.watching import FUNCTION
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, magnitude, reals

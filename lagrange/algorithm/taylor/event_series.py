@@ -16,10 +16,10 @@ from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, ROUND_O
 from lagrange.algorithm.events.halving import sign_of
 from lagrange.algorithm.events.polynomial import approach, inverse_cubic, pad
 from lagrange.algorithm.events.scaling import is_plain, is_plain_step
+from lagrange.algorithm.step.run import FUNCTION
 from lagrange.algorithm.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout, row, work_type
 from lagrange.algorithm.taylor.watching import (
-    FUNCTION,
     NEAR,
     SIDES,
     SIGN,
@@ -325,11 +325,18 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
     """
     if counts[0] != 0:
         return True
+    is_finite = copy_series(rows, width, order + 1, c)
+    counts[0] = used_count(c, order)
+    return is_finite
+
+
+@inline
+def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
+    """Copy the series of a watched function from rows, `width` apart; return whether it is finite."""
     total = 0.0
-    for k in range(order + 1):
+    for k in range(count):
         c[k] = rows[k * width]
         total += c[k] * 0.0
-    counts[0] = used_count(c, order)
     return total == 0.0
 
 

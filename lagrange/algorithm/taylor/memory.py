@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import whole_blocks
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
+from lagrange.procedure.form import FLAG, READ, REAL, WHOLE, Array, Callee
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, record
 from lagrange.program.series import SeriesProgram
-
-READ = Array(read=True)
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
 """The function that computes a series.

@@ -10,7 +10,7 @@ from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.run import Counts
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
-from lagrange.algorithm.taylor.event_series import comparable_unit, start_of_series, write_noise
+from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
 from lagrange.algorithm.taylor.memory import JET, TaylorState, layout_of, work_type
 from lagrange.algorithm.taylor.watching import (
     COUNT,
@@ -24,7 +24,6 @@ from lagrange.algorithm.taylor.watching import (
     STARTING,
     Watch,
     Watched,
-    copy_column,
     is_event,
     is_last,
     new_entries,
@@ -65,11 +64,7 @@ def sides_at_start(
     unit = comparable_unit(t, scale)
     tolerance = larger(rtol, 2.0**-52) * EVENT_SLACK
     for i in range(layout.watched):
-        total = 0.0
-        copy_column(series, i, count, c, layout)
-        for k in range(count):
-            total += c[k] * 0.0
-        if total != 0.0:
+        if not copy_series(first[i:], layout.width, count, c):
             return False
         is_own, doubt = i == place, noise[i]
         allowed = larger(doubt, margin) if is_own else doubt

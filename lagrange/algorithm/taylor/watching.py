@@ -13,11 +13,10 @@ from typing import Any
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.projection import CORRECTIONS
-from lagrange.algorithm.step.run import Counts, Run
+from lagrange.algorithm.step.run import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.memory import (
     BLOCK,
     JET,
-    READ,
     Held,
     OutputCounts,
     Sizes,
@@ -27,12 +26,9 @@ from lagrange.algorithm.taylor.memory import (
     rows_type,
     work_type,
 )
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
+from lagrange.procedure.form import READ, WHOLE, Array
 from lagrange.procedure.front.plain import Bundle, Stated, inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, form_of, record
-
-FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A function of a time, a state and prepared numbers; it returns whether its value is undefined."""
 
 
 @record
@@ -261,14 +257,6 @@ def is_last(watched: Watched, place: int, count: int, layout: Any) -> Any:
     """Return whether the run ends when an event function has this number of events."""
     terminal = setting(watched, TERMINAL, place, layout)
     return terminal > 0 and terminal <= count
-
-
-@inline
-def copy_column(rows: In, place: int, count: int, to: Out, layout: Any) -> None:
-    """Copy the series of a watched function from the rows."""
-    first = rows[place + layout.watched_at :]
-    for k in range(count):
-        to[k] = first[k * layout.width]
 
 
 @inline
