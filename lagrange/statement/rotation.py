@@ -26,6 +26,7 @@ from lagrange.statement.coordinate import (
     function_of_time,
     name_of,
     rotation_name,
+    row_label,
     t,
     velocity_of,
 )
@@ -223,9 +224,10 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     Keys are rotations, {R: start}, and rates as in `_on_rates`; values are numbers or expressions. `values` has those
     of all coordinates and velocities that are not given. Rates that are not given stay: those about the axes of the
     body, or about the axes of space if others of these are given. Raises StatementError for a start that is not a
-    rotation, and for rates about both.
+    rotation, for rates about both, and for a rotation given both whole and by entries of its quaternion.
     """
     plain, rates = _on_rates(given, values, table)
+    by_entry = {key if isinstance(key, str) else row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
     for each in starts:
         if each.quaternion[0] not in values:
@@ -235,14 +237,21 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
             continue
         if each.body in rates and each.space in rates:
             raise StatementError(f"{table} gives both {each.name}.body and {each.name}.space: give one of the two.")
-        now, moving = [values[q] for q in each.quaternion], [values[velocity_of(q)] for q in each.quaternion]
+        velocities = [*map(velocity_of, each.quaternion)]
+        wholes = dict.fromkeys(each.quaternion if each in starts else (), each.name)
+        if each.body in rates or each.space in rates:
+            wholes |= dict.fromkeys(velocities, f"rates of {each.name}")
+        for entry, whole in wholes.items():
+            if row_label(entry) in by_entry:
+                raise StatementError(f"{table} gives both {whole} and {row_label(entry)}: give one of the two.")
+        now, moving = ([by_entry.get(row_label(x), values[x]) for x in part] for part in (each.quaternion, velocities))
         q = quaternion_of(starts[each], each.name) if each in starts else now
         kept, vector = (space_rates, each.space) if each.space in rates else (body_rates, each.body)
         given_rates = rates.get(vector, [None] * 3)
         w = [old if new is None else new for old, new in zip(kept(now, moving), given_rates, strict=True)]
         moved = velocities_at(q, w, space=vector is each.space)
         plain |= dict(zip(each.quaternion, q, strict=True))
-        plain |= {velocity_of(entry): rate for entry, rate in zip(each.quaternion, moved, strict=True)}
+        plain |= dict(zip(velocities, moved, strict=True))
     return plain
 
 

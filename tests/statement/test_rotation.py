@@ -106,6 +106,9 @@ def test_single_rates_are_keys_of_starts_forces_runs_and_pictures() -> None:
     start = top(initial={"R_body_z": 5, R.body[0]: 1}, forces={R.space[1]: 2, "R_body_z": x.subs(x, 3)}).statement
     whole = top(initial={R.body: (1, 0, 5)}, forces={R.space: (0, 2, 0), R.body: (0, 0, 3)}).statement
     assert start.initial == whole.initial
+    turned = top(initial={R: (0.6, 0.8, 0, 0), R.body: (1, 0, 5)}).statement.initial
+    entries = {"R_w": 0.6, R.quaternion[1]: 0.8, "R_body_z": 5, R.body[0]: 1}
+    assert top(initial=entries).statement.initial == turned
     assert all(sympy.expand(a - b) == 0 for a, b in zip(start.forces, whole.forces, strict=True))
     assert start.reading is not None and whole.reading is not None and start.reading.forces == whole.reading.forces
     run = top(initial={R: lg.turn((1, 2, 0), 0.4), R.space: (1, 2, 3)}).run(0.1, {R.space[1]: 0})
@@ -195,6 +198,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "its modes are not those of a body at rest"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give three values, about the axes x, y and z"),
+    "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),
+    "rates and an entry": (lambda: top(initial={R.body: (1, 0, 0), "R_x_dot": 1}), "both rates of R and R_x_dot"),
     "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),
     "another rotation": (lambda: top(initial={lg.rotation("S"): (1, 0, 0, 0)}), "names the rotation S, which is not"),
     "a torque on R": (lambda: top(forces={R: (1, 0, 0)}), "give torques on R.body or .space"),
