@@ -19,6 +19,7 @@ from lagrange.statement.expression import expression
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
+from lagrange.statement.rotation import rotation_of
 from lagrange.statement.statement import Constraint, Statement
 
 
@@ -34,31 +35,29 @@ def rewritten(
 ) -> Statement:
     """Return the statement with the function `put` applied to every expression; the result is checked as a new one.
 
-    Parts that are None are those of the statement. `coordinates` are the new coordinates. `forces` are new forces, to
-    which `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them.
-    `parameters` are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state,
-    by coordinate and velocity.
+    Where rotations stay, energies and forces contain their entries and rates by name, such as R_xx(t). Parts that are
+    None are those of the statement. `coordinates` are the new coordinates. `forces` are new forces, to which `put` is
+    not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters` are all
+    parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by coordinate and
+    velocity.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
     held = statement.constraints if constraints is None else constraints
+    read = read_with(statement, chosen)
     if forces is None:
-        forces = {q: put(force) for q, force in zip(statement.coordinates, statement.forces, strict=True)}
+        forces = {key: put(force) for key, force in read.applied.items()}
     if parameters is None:
         parameters = {p: statement.defaults.get(p) for p in statement.parameters}
     parameters = {p: parameters[p] for p in (*statement.defaults, *parameters) if p in parameters}  # as stated
     if initial is None:
         initial = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
-    alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
-    energies = (
-        {"lagrangian": put(statement.lagrangian)}
-        if alone
-        else {"kinetic": put(statement.kinetic), "potential": put(statement.potential)}
-    )
+    names = ["lagrangian"] if read.lagrangian_alone else ["kinetic", "potential"]
+    energies = {name: put(getattr(read, name)) for name in names}
     made = declare(
         **energies,
         coordinates=chosen,
         forces={q: force for q, force in forces.items() if force != 0},
-        dissipation=put(statement.dissipation),
+        dissipation=put(read.dissipation),
         constraints={one.name: put(one.expression) for one in held},
         redundant=statement.redundant,
         parameters=parameters,
@@ -68,6 +67,12 @@ def rewritten(
         name=statement.name,
     )
     return with_origin(made, statement)
+
+
+def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
+    """Return the statement in turns of its bodies, for new coordinates that contain the rotations; else itself."""
+    kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
+    return statement.reading if statement.reading is not None and kept else statement
 
 
 def with_origin(made: Statement, statement: Statement) -> Statement:

@@ -31,7 +31,7 @@ from lagrange.mechanics.plain_form import (
     vanishes,
     without_points,
 )
-from lagrange.mechanics.reduction import rewritten, with_origin
+from lagrange.mechanics.reduction import read_with, rewritten, with_origin
 from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declare import declare
@@ -291,13 +291,16 @@ def _check_regular(change: Transformation) -> None:
 def _forces(change: Transformation) -> dict[Any, Any]:
     """Return the generalized forces on the new coordinates, of equal virtual work."""
     statement = change.statement
-    pulls = {q: force for q, force in zip(statement.coordinates, statement.forces, strict=True) if force != 0}
+    read = read_with(statement, change.coordinates)
+    pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
     found: dict[Any, Any] = {}
-    for j, q in enumerate(change.coordinates):
-        terms = [pulls[q].xreplace(change.table)] if q in pulls and q not in change.gone else []
-        terms += [
-            pulls[x].xreplace(change.table) * change.slopes[i, j] for i, x in enumerate(change.gone) if x in pulls
-        ]
+    for q in dict.fromkeys((*change.coordinates, *pulls)):
+        if q in change.gone:
+            continue
+        terms = [pulls[q]] if q in pulls else []
+        if q in change.coordinates:
+            slopes = change.slopes[:, change.coordinates.index(q)]
+            terms += [pulls[x] * slope for x, slope in zip(change.gone, slopes, strict=True) if x in pulls]
         found[q] = change.back(simplest(printable(sympy.Add(*terms))))
     return found
 
@@ -336,16 +339,8 @@ class Routh:
 
     form: PlainForm
     places: tuple[int, ...]
-
-    @cached_property
-    def symbols(self) -> tuple[Any, ...]:
-        """The momenta of the ignored coordinates, parameters of the smaller system."""
-        taken = list(names_of(self.form.statement))
-        found = []
-        for i in self.places:
-            taken.append(fresh_name(f"p_{self.form.statement.names[i]}"[:64], taken))
-            found.append(sympy.Symbol(taken[-1], real=True))
-        return tuple(found)
+    symbols: tuple[Any, ...]
+    """The momenta of the ignored coordinates, parameters of the smaller system."""
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
@@ -410,14 +405,33 @@ def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
             f"the momenta of {names} are not linear in their velocities, which are then not solved for: "
             "hamiltonian() may solve them together with the others."
         )
-    return Routh(form, places)
+    taken = list(names_of(statement))
+    for i in places:
+        taken.append(fresh_name(f"p_{statement.names[i]}"[:64], taken))
+    return Routh(form, places, tuple(sympy.Symbol(name, real=True) for name in taken[-len(places) :]))
 
 
 def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
     """Return the statement without ignorable coordinates, whose momenta are parameters; tested against the model."""
     routh = routh_of(statement, wanted)
+    values = _momentum_values(routh)
+    made = _without_ignored(routh, statement, values)
+    _check_routhian(routh, model)
+    if (read := statement.reading) is not None:
+        places = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
+        in_turns = Routh(PlainForm(read), places, routh.symbols)
+        made = replace(made, reading=_without_ignored(in_turns, statement, values).reading)
+    return with_origin(made, statement)
+
+
+def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
+    """Return the statement without ignored coordinates; `routh` is of the statement, or of its reading in turns.
+
+    `values` are those of the momenta at the initial state.
+    """
     form, places = routh.form, routh.places
-    left = [q for i, q in enumerate(statement.coordinates) if i not in places]
+    gone = [form.statement.coordinates[i] for i in places]
+    left = [q for q in statement.coordinates if q not in gone]
     rates = dict(zip((form.v[i] for i in places), routh.rates, strict=True)) | routh.gone
 
     def put(given: Any) -> Any:
@@ -425,27 +439,21 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
 
     kinetic, potential = routh.routhian
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
-    points = without_points(statement, [statement.coordinates[i] for i in places])
-    made = declare(
+    points = without_points(statement, gone)
+    return declare(
         kinetic=form.written(kinetic),
         potential=form.written(potential),
         coordinates=left,
-        forces={
-            q: put(force)
-            for i, (q, force) in enumerate(zip(statement.coordinates, statement.forces, strict=True))
-            if i not in places and force != 0
-        },
-        dissipation=form.written(form.read(statement.dissipation).xreplace(routh.gone)),
+        forces={q: put(force) for q, force in form.statement.applied.items() if q not in gone and force != 0},
+        dissipation=form.written(form.read(form.statement.dissipation).xreplace(routh.gone)),
         constraints={one.name: one.expression for one in statement.constraints},
         redundant=statement.redundant,
-        parameters={p: statement.defaults.get(p) for p in statement.parameters} | _momentum_values(routh),
+        parameters={p: statement.defaults.get(p) for p in statement.parameters} | dict(values),
         initial={key: start[key] for q in left for key in (q, velocity_of(q))},
         positions=points["positions"],
         links=points["links"],
         name=statement.name,
     )
-    _check_routhian(routh, model)
-    return with_origin(made, statement)
 
 
 def _check_ignorable(form: PlainForm, i: int) -> None:

@@ -13,7 +13,7 @@ from sympy import Expr, Symbol
 
 from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, gap
-from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
+from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import shorter
 from lagrange.statement.run_settings import RunSettings
@@ -155,6 +155,11 @@ class Statement:
     def state_names(self) -> tuple[str, ...]:
         """The names of the 2n entries of a state: coordinates, then velocities with ``_dot``."""
         return (*self.names, *(f"{name}_dot" for name in self.names))
+
+    @property
+    def applied(self) -> dict[Any, Any]:
+        """The forces as `lagrange.System` takes them: by coordinate, and torques by rate if it is read in turns."""
+        return {getattr(q.func, RATE, q): force for q, force in zip(self.coordinates, self.forces, strict=True)}
 
     @property
     def lagrangian_alone(self) -> bool:

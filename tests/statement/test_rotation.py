@@ -150,6 +150,23 @@ def test_scenes_and_pickles_keep_rotations(tmp_path: Path) -> None:
     assert (copy.run(0.5)[R][-1] == ends[0]).all()
 
 
+y = lg.coordinate("y")
+REWRITTEN: dict[str, Callable[[lg.System], lg.System]] = {
+    "substitute": lambda system: system.substitute({J3: 3 * J1 / 2}),
+    "transform": lambda system: system.transform({x: 2 * y}),
+    "routhian": lambda system: system.routhian(x),
+}
+
+
+@pytest.mark.parametrize("change", ["substitute", "transform", pytest.param("routhian", marks=pytest.mark.slow)])
+def test_a_rewritten_statement_is_read_in_rates(change: str) -> None:
+    """A belt joins a sleeve and the axis of the body. `linearize` compares the reading with the compiled model."""
+    kinetic, values = KINETIC + m * (x.dot + R.body[2] / 20) ** 2 / 2, {m: 1.0, J1: 0.02, J3: 0.03}
+    made = REWRITTEN[change](lg.System(kinetic, m * R[2, 2], parameters=values, forces={R.space: (0, 0, m)}))
+    assert made.linearize({R.body: (0, 0, 3)}).A.rows == 2 * len(made.coordinates) - 2
+    assert not sympy.Matrix([law.lhs - law.rhs for law in made.equations()]).has(*R.quaternion)
+
+
 SCENE = """
 name = "top"
 rotations = ["R"]

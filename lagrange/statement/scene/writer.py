@@ -11,7 +11,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.statement.contact import Contact, impact_speed
-from lagrange.statement.coordinate import RATE, constraint_of, name_of, t
+from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
@@ -145,8 +145,7 @@ class _SceneWriter:
     def tables(self) -> Mapping[str, Mapping[str, str]]:
         """Return the tables of the file, with the text of each value."""
         statement = self.statement
-        named = [name_of(getattr(q.func, RATE, q)) for q in self.typed.coordinates]
-        forces = zip(named, self.typed.forces, strict=True)
+        forces = ((name_of(key), force) for key, force in self.typed.applied.items())
         states = zip(statement.state_names, statement.initial, strict=True)
         settings = {key: getattr(statement.run, key) for key in ("t_end", "rtol", "atol", "step")}
         run = {key: repr(float(value)) for key, value in settings.items() if value is not None}
