@@ -16,7 +16,8 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.show.files.picture import bounded_png
-from lagrange.statement.scene.library import LibraryScene, library
+from lagrange.statement.coordinate import name_of, rotation_name
+from lagrange.statement.scene.library import LibraryScene, library, load
 
 DOCS = Path(__file__).resolve().parent
 
@@ -28,8 +29,9 @@ def scene_table() -> str:
 
 
 def _scene_row(scene: LibraryScene) -> str:
-    names = ", ".join(f"`{name}`" for name in lg.scene(scene.name).statement.names)
-    return f"| `{scene.name}` | {names} | {scene.about} |"
+    coordinates = load(scene.name).coordinates
+    names = dict.fromkeys(rotation_name(q) or name_of(q) for q in coordinates)
+    return f"| `{scene.name}` | {', '.join(f'`{name}`' for name in names)} | {scene.about} |"
 
 
 TABLES = {

@@ -115,3 +115,5 @@ def test_scenes_in_long(capsys: pytest.CaptureFixture[str]) -> None:
     atwood = next(part for part in parts if part.startswith("cartesian-pendulum"))
     assert "\n  coordinates  x, y\n  constraints  rod: " in atwood and "\n  method       taylor to t = 10.0\n" in atwood
     assert all("\n  source       " in part for part in parts)
+    ball, top = (next(part for part in parts if part.startswith(name)) for name in ("bouncing-ball", "free-top"))
+    assert "\n  contacts     floor\n" in ball and "\n  coordinates  R\n" in top

@@ -9,7 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from measure import FOLDER, Page, best, microseconds, milliseconds, shown, verdict
+from measure import Page, best, microseconds, milliseconds, shown, verdict
 
 import lagrange as lg
 
@@ -17,7 +17,6 @@ REST_BAR, BOUNCE_BAR, CHANGE_BAR = 0.1, 1.0, 1e-5
 STEPS, UNDAMPED, DAMPED = (2e-3, 1e-3, 1e-4), "-100000 0", "-100000 -45"
 """Steps of MuJoCo in seconds, and the stiffness and damping of its contacts; ours has a restitution of 0.8."""
 
-SCENES = FOLDER.parents[1] / "examples" / "contact"
 G, SECONDS, BOUNCES, BELT = 9.81, 10.0, 20_000.0, 20_000.0
 
 
@@ -72,7 +71,7 @@ def main() -> None:
     """Write the tables."""
     page = Page("Contact", __file__)
     resting, elastic, (free, floor), moved = ball(0.8), ball(1.0), reset_ball(), belt()
-    box = lg.System.from_scene(SCENES / "box-on-corner.toml")
+    box = lg.scene("box-on-corner")
     page.table(("MuJoCo's step, s", "first apex of 1 m, m"), [(f"{step:g}", f"{apex(step):.4f}") for step in STEPS])
     model, data = rival(STEPS[-1], DAMPED)
 

@@ -41,8 +41,9 @@ def _entry(path: Path, *, long: bool) -> dict[str, Any]:
     stated = scene.get("constraints", {})
     run = scene.get("run", {})
     return entry | {
-        "coordinates": list(scene["coordinates"]),
+        "coordinates": [*scene.get("coordinates", []), *scene.get("rotations", [])],
         "constraints": [f"{name}: {text}" for name, text in stated.items()] if isinstance(stated, dict) else stated,
+        "contacts": list(scene.get("contacts", {})),
         "positions": list(scene.get("positions", {})),
         "t_end": run.get("t_end", DEFAULT_T_END),
         "method": run.get("method", DEFAULT_METHOD),
@@ -53,6 +54,7 @@ def _paragraph(entry: dict[str, Any]) -> str:
     lines = [
         ("coordinates", ", ".join(entry["coordinates"])),
         ("constraints", "; ".join(map(plain_text, entry["constraints"])) or "none"),
+        ("contacts", ", ".join(entry["contacts"]) or "none"),
         ("positions", ", ".join(entry["positions"]) or "none"),
         ("method", f"{entry['method']} to t = {entry['t_end']}"),
         ("source", plain_text(entry["source"])),

@@ -22,7 +22,7 @@ impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
 """The speed -dgap/dt before an impact, for a restitution that depends on it."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Contact:
     """A contact of two bodies, which do not overlap: `gap` >= 0.
 

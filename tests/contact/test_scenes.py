@@ -1,29 +1,23 @@
-"""The scene files of `examples/contact`, against closed forms and published figures."""
+"""The scenes of the library with contacts, against closed forms and published figures."""
 
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import lagrange as lg
+from tests.models import loaded, shared_scene
 
-FOLDER = Path(__file__).parents[2] / "examples" / "contact"
-NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
+NAMES = [name for name in lg.scenes() if loaded(name).contacts]
 DRIVEN = ("ball-on-table", "belt")
 """Scenes in which a moving surface does work."""
 
 
 @cache
-def scene(name: str) -> lg.System:
-    return lg.System.from_scene(FOLDER / f"{name}.toml")
-
-
-@cache
 def run_of(name: str) -> lg.Solution:
-    return scene(name).run(rtol=1e-12).require()
+    return shared_scene(name).run(rtol=1e-12).require()
 
 
 def test_the_panel_of_the_energy_adds_what_contacts_took() -> None:
@@ -42,14 +36,6 @@ def changes(run: lg.Solution, contact: str) -> list[float]:
     return [float(run.t[i + 1]) for i in np.flatnonzero(modes[1:] != modes[:-1])]
 
 
-def test_there_are_twelve_scenes_with_sources() -> None:
-    assert len(NAMES) == 12
-    for name in NAMES:
-        statement = scene(name).statement
-        assert statement.name == name and len(statement.about) > 20 and statement.positions and statement.run.t_end > 0
-        assert any(part.strip("(),;").isdigit() for part in statement.source.split()), "a source has a year"
-
-
 QUICK = ("ball-on-table", "belt", "block-on-incline", "bouncing-ball", "elliptic-billiard")
 """Scenes whose runs take a part of a second; those of the others take seconds."""
 
@@ -59,11 +45,11 @@ CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) f
 @pytest.mark.parametrize("name", CASES)
 def test_no_body_enters_another_and_energy_is_booked(name: str) -> None:
     run = run_of(name)
-    for stated, contact in zip(scene(name).statement.contacts, run.contacts.values(), strict=True):
+    for stated, contact in zip(shared_scene(name).statement.contacts, run.contacts.values(), strict=True):
         # The scale of all scenes is near 1. Forces of friction are compared with the largest force.
         assert contact.gap.min() > -1e-12 and contact.force.min() >= -1e-12 * max(1.0, contact.force.max())
         if stated.slip:
-            mu = float(stated.friction[0].subs(scene(name).parameters))
+            mu = float(stated.friction[0].subs(shared_scene(name).parameters))
             size = np.linalg.norm(np.atleast_2d(contact.friction), axis=0)
             assert (size <= mu * contact.force + 1e-12 * contact.force.max()).all()
     if name not in DRIVEN:
@@ -138,7 +124,7 @@ def test_the_cradle_sends_off_the_last_ball() -> None:
 def test_the_woodpecker_falls_into_the_published_cycle() -> None:
     """Glocker and Studer start on the cycle, with phiM = -0.1036 where the sleeve touches: three digits compare."""
     passes = [lg.event(lg.coordinate("phiS") + 0.2788, direction=-1)]
-    run = scene("woodpecker").run(1.0, events=passes).require()
+    run = shared_scene("woodpecker").run(1.0, events=passes).require()
     state = dict(zip(run.names, run.y_events[0][-1], strict=True))
     assert state["phiM"] == pytest.approx(-0.1036, rel=2e-3)
     assert state["y_dot"] == pytest.approx(-0.3411, rel=0.01)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import sympy
 from sympy import cos, diag, sin
 
 import lagrange as lg
+from tests.models import shared_scene
 
 R = lg.rotation("R")
 m, g, a = lg.parameters("m g a")
@@ -234,11 +234,8 @@ def test_a_body_passes_the_pole_of_euler_angles() -> None:
     assert np.abs(run[R][-1] - expected).max() < 1e-13
 
 
-FOLDER = Path(__file__).parents[2] / "examples" / "rotations"
-
-
 def example(name: str) -> lg.Solution:
-    return lg.System.from_scene(FOLDER / f"{name}.toml").run(rtol=1e-12)
+    return shared_scene(name).run(rtol=1e-12)
 
 
 def test_a_wing_nut_has_turned_over_every_half_period() -> None:
@@ -301,7 +298,7 @@ def test_a_quadrotor_rises_and_rolls_by_the_integrals_of_its_thrusts() -> None:
 @pytest.mark.slow
 def test_rods_on_ball_joints_keep_energy_and_momentum_about_the_vertical() -> None:
     """Turns of both quaternions about z from the left are a symmetry, which SymPy's derivative of L confirms."""
-    system = lg.System.from_scene(FOLDER / "rods-on-ball-joints.toml")
+    system = shared_scene("rods-on-ball-joints")
     run = system.run(rtol=1e-12)
     generator: dict[Any, Any] = {}
     for each in (R, lg.rotation("S")):

@@ -324,7 +324,7 @@ def test_sympy_and_text_are_read_alike() -> None:
             [lg.multiplier("rod")],
             "equation 1 contains the multiplier of 'rod', which is not a constraint here; the constraints are none.",
         ),
-        (["x" * 30_000], "equation 1 has 30000 characters, and 6000 are the most of an equation."),
+        (["x" * 30_000], "equation 1 has 30000 characters, and 8000 are the most of an equation."),
     ],
 )
 def test_refusals(given: Any, message: str) -> None:

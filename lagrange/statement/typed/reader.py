@@ -27,7 +27,7 @@ from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
 from lagrange.statement.vocabulary.letters import WORD
 
-LONGEST_TEXT = 6_000
+LONGEST_TEXT = 8_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
 
 LONGEST_ANSWER = 60_000
