@@ -29,6 +29,7 @@ RELEASE, GAP, SLIP, CONE = "release", "gap", "slip", "cone"
 SLOWEST = 1e-12
 """Slip in a plane, as a fraction of the largest so far, at which it counts as zero: its direction is not smooth there.
 
+It is `rtol` where that is larger: steps pass over a slip that is smaller than their errors, and turn it back for ever.
 The rest of the slip is taken away by an impulse."""
 
 MODELS_KEPT = 16

@@ -27,9 +27,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 MOST_REPEATS = 3
 """Most tries of a segment that ends where it begins because of round-off."""
 
-SAMPLES, OVERLAP = 4, 1e-8
+SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Number of times in a segment at which gaps are looked at, and the overlap that is more than errors, as a part of the
-terms of the gap."""
+terms of the gap: the fixed part or that many times `rtol`, whichever is larger. Between steps a closed gap has errors
+of about `rtol`."""
 
 NEARBY = 2.0**-16
 """Part of a segment, before its end, over which the derivative of an event is a difference; zeros are nearer."""
@@ -75,7 +76,7 @@ class _ContactRun:
         self.modes = modes_of(problem.model)
         self.kinematics = Kinematics(problem.model, problem.parameter_array)
         self.contacts = problem.model.statement.contacts
-        self.transitions = Transitions(self.modes, self.kinematics, problem.t1 - problem.t0)
+        self.transitions = Transitions(self.modes, self.kinematics, problem.t1 - problem.t0, problem.rtol or 0.0)
         self.parts: list[Trajectory] = []
         self.kept: list[Mode] = []
         self.begins: list[float] = []
@@ -206,7 +207,8 @@ class _ContactRun:
         """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
-        overlapping = [i for i in range(len(gaps)) if gaps[i].min() < -OVERLAP / TOUCHING * near[i]]
+        deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
+        overlapping = [i for i in range(len(gaps)) if gaps[i].min() < -deepest[i]]
         if not overlapping or not part.status.complete:
             return part
         names = listing(repr(self.contacts[i].name) for i in overlapping)

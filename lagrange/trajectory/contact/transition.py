@@ -67,9 +67,10 @@ class Behind:
 class Transitions:
     """Finds the state and the mode behind the end of a mode."""
 
-    def __init__(self, modes: Modes, kinematics: Kinematics, span: float) -> None:
+    def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
         self._layout, self._slowest, self._moment = modes.model.layout, 0.0, SHORT * span
+        self._slow_share = max(SLOWEST, rtol)
 
     def behind(
         self,
@@ -270,7 +271,7 @@ class Transitions:
                     slides[i] = way
                     kept_ways[i] = round(float(way[0])) if len(way) == 1 else None
         if any(len(way) > 1 for way in slides.values()) and not self._slowest:
-            self._slowest = SLOWEST / STILL * float(touch.noise.max())
+            self._slowest = self._slow_share / STILL * float(touch.noise.max())
         plane = any(state == SLIDING and len(kin.contacts[i].slip) > 1 for i, state in enumerate(states))
         kept = self._independent(t, y, touch, states)
         mode = Mode(tuple(states), tuple(kept_ways), kept, slowest=self._slowest if plane else 0.0)
