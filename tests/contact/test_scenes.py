@@ -42,10 +42,12 @@ QUICK = ("ball-on-table", "belt", "block-on-incline", "bouncing-ball", "elliptic
 CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
 
 
-@pytest.mark.parametrize("method", ["dopri5", "tsit5", "dop853", "radau5"])
-@pytest.mark.parametrize("name", ["belt", "ladder-leaves-wall", "rocking-block", "tippe-top"])
+@pytest.mark.parametrize("method", ["dopri5", "tsit5", "dop853", "verner9", "radau5"])
+@pytest.mark.parametrize("name", ["belt", "ladder-leaves-wall", "newtons-cradle", "rocking-block", "tippe-top"])
 def test_other_methods_reach_the_same_end_at_loose_tolerances(name: str, method: str) -> None:
     """Gaps have the errors of the run, and steps pass over a slip in a plane that is smaller than these.
+
+    Balls of the cradle that are at rest have velocities of round-off, which the impulses pass on; they become zero.
 
     Errors of 1e-6 a step grow to 3e-5, in the scene of the rocking block.
     """
