@@ -133,7 +133,7 @@ def test_a_factor_that_is_a_difference_stays_one(text: str, said: str) -> None:
 
 ROUNDED = {
     "theta'' = -0.6667 g sin(theta)/(R - r)": "Equation 1 is right to 4 digits: 0.6667 stands for 2/3.",
-    "theta'' = -0.666 g sin(theta)/(R - r)": "Equation 1 is right to 3 digits: 0.666 stands for 2/3.",
+    "theta'' = -0.667 g sin(theta)/(R - r)": "Equation 1 is right to 3 digits: 0.667 stands for 2/3.",
     "theta'' = -0.5*1.333 g sin(theta)/(R - r)": "Equation 1 is right to 4 digits: 0.6665 stands for 2/3.",
     "0.75 (R - r) theta'' = -0.500 g sin(theta)": "The equations are right",
     "1.500 (R - r) theta'' + 1.414*0.707 g sin(theta) = 0": "0.999698 stands for 1.",
@@ -142,13 +142,14 @@ ROUNDED = {
 
 COARSE = {
     "theta'' = -0.67 g sin(theta)/(R - r)": "To 2 digits 0.67 stands for 2/3: give at least 3, or the exact number.",
+    "theta'' = -0.666 g sin(theta)/(R - r)": "(3*(R - r)). 0.666 is not 2/3 rounded: 0.667.",
     "theta'' = -0.667 g sin(theta)": "is wrong: it should be -2*g*sin(theta)/(3*",
     "theta'' = -0.668 g sin(theta)/(R - r)": "it is 501/500 times what it should be, -2*g*sin(theta)/(3*(R - r)).",
     "1.001 (R - r) theta'' + 0.6667 g sin(theta) = 0": "is wrong",
     "1.500 (R - r) theta'' + 0.999 g sin(theta) = 0": "it is 999/1000 times what it should be, g*sin(theta).",
     "theta'' = 0.6667 g sin(theta)/(R - r)": "is wrong",
 }
-"""Answers with too few digits, with digits that are neither rounded nor cut off, or with another error."""
+"""Answers with too few digits, with digits that are cut off or wrong, or with another error."""
 
 
 @pytest.mark.parametrize("text", [*ROUNDED, *COARSE])
@@ -226,7 +227,7 @@ def test_constraints_beside_the_equations_are_right_if_they_hold() -> None:
 
 def test_a_letter_for_the_force_of_the_only_constraint_is_its_multiplier() -> None:
     pendulum = shared_scene("cartesian-pendulum")
-    assert pendulum.compare("T = 1/2 m (x'^2 + y'^2)\nV = m g y\nm x'' = -T x/l\nm y'' = -T y/l - m g")
+    assert pendulum.compare("T = 1/2 m (x'^2 + y'^2)\nV = m g y\nm x'' = -T x/l\nm y'' = -T y/l - m g\nx^2 + y^2 = l^2")
     assert not pendulum.compare("m x'' = -T x/l\nm y'' = T y/l - m g")
 
 
@@ -238,6 +239,24 @@ def test_a_constraint_on_accelerations_beside_a_tension_of_the_other_sign_is_rig
     assert not pulley.compare("m x'' = m g - T, M y'' = M g - T, x'' = y''")
     wrong = pulley.compare("m x'' = m g - T\nM y'' = 2 M g - T").message
     assert wrong.startswith("In equation 2, that of y, on the right side the term 2*M*g has the wrong factor"), wrong
+
+
+def test_a_missing_constraint_is_told_and_a_remark_may_state_it() -> None:
+    s, phi = lg.coordinates("s phi")
+    m, R, g = lg.parameters("m R g")
+    disc = lg.System(m * (s.dot**2 + R**2 * phi.dot**2 / 2) / 2, -m * g * s, constraints={"roll": s.dot - R * phi.dot})
+    forces = "m s'' = m g - F\n1/2 m R^2 phi'' = F R".replace("F", "lambda")
+    assert disc.compare(f"{forces}\nwith the rolling condition s' = R phi'")
+    assert disc.compare(f"{forces}\ns'' = R phi''\nIn equilibrium s = 0")
+    missing = "The equations hold, but the constraint roll is missing: add "
+    for more in ("", "\nwith the rolling condition s' = 2 R phi'", "\nd/dt(s - s) = 0"):
+        assert disc.compare(forces + more).message.startswith(missing)
+
+
+@pytest.mark.parametrize("term", ["1e-16 x", "x/10^20", "1e-13*0.001 x"])
+def test_a_term_too_small_to_be_tested_is_no_part_of_a_right_answer(term: str) -> None:
+    result = oscillator().compare(f"m x'' + c x' + k x = m g + F cos(w t) + {term}")
+    assert not result and result.message.startswith("In equation 1 the number 1e-")
 
 
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:

@@ -163,6 +163,12 @@ MOST_READ = 2
 LONGEST_MESSAGE = 400
 """Longest message, in characters. The rest goes to `.details`."""
 
+NEGLIGIBLE = 1e-9
+"""Magnitude below which a number of a right equation must make a difference: terms below `HELD` are not tested."""
+
+LONGEST_QUOTED = 120
+"""Longest constraint in a message, in characters."""
+
 SAMPLES = 5
 """Number of random states at which equations without switches are compared.
 
@@ -205,8 +211,9 @@ def compare_equations(
     Raises StatementError if an equation is not linear in the accelerations.
     """
     samples = motion_samples(statement, SAMPLES)
-    understood = [_likeliest(equation, statement, samples) for equation in equations]
-    rows = [row for _, row in understood]
+    likeliest = [_likeliest(equation, statement, samples) for equation in equations]
+    understood = [pair for pair in likeliest if not pair[0].aside or pair[1].holds(samples)] or likeliest
+    equations, rows = [equation for equation, _ in understood], [row for _, row in understood]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
 
     def written(expression: Any) -> str:
@@ -285,12 +292,26 @@ def _compared(
     if wrong:
         rows, wrong, term = _blamed(rows, wrong, derivation, samples, write)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
-    free = _undetermined(rows, samples)
-    if free:
-        return EquationsComparison(right=False, message=_incomplete(statement, rows, free)), False
+    missing = _missing(rows, samples[0])
+    if missing:
+        start = "The equation holds" if len(rows) == 1 else "The equations hold"
+        return EquationsComparison(right=False, message=f"{start}, but {missing}"), False
+    idle = _idle(rows, samples)
+    if idle:
+        return EquationsComparison(right=False, message=idle), False
     right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
     message = right + (sentence_on_multipliers(multiples) if multiples else "") + _without_sample(untried, statement)
     return EquationsComparison(right=True, message=message), False
+
+
+def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
+    """Return a sentence on a number too small to be tested: an equation holds with it and with zero; else ""."""
+    for row in rows:
+        for number in sorted(row.zero.atoms(sympy.Number), key=str):
+            without = StudentEquation(row.label, row.zero.xreplace({number: sympy.S.Zero}))
+            if 0 < abs(number) < NEGLIGIBLE and row_of(without, row.statement).holds(samples):
+                return f"In {row.label} the number {abs(float(number)):.6g} makes no difference: leave its term out."
+    return ""
 
 
 def _blamed(
@@ -327,37 +348,58 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
     return f" No state was found where {describe_way(*left[0], statement)}{more}."
 
 
-def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:
-    """Return names of coordinates and rotations whose accelerations the equations and constraints do not determine.
+def _missing(rows: Sequence[EquationRow], sample: MotionSample) -> str:
+    """Return the end of a sentence on what equations that hold leave open, or an empty string.
 
-    An equation without accelerations enters by its derivative with respect to time. The length of a quaternion needs no
-    equation.
+    An equation without accelerations enters by its derivative with respect to time, and the length of a quaternion
+    needs no equation. Constraints are among the equations, but for those of a single coordinate such as y = 0.
     """
-    statement, sample = rows[0].statement, samples[0]
+    statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
-    n, unknowns = len(names), len(rows[0].slopes)
+    padding = [0.0] * (len(rows[0].slopes) - len(names))
     matrix = [[float(x) for x in row.leading(sample)] for row in rows]
-    matrix += [[float(x) for x in row] + [0.0] * (unknowns - n) for row in sample.gradient]
     for each in statement.rotations:
         along = [float(x) if name == each else 0.0 for name, x in zip(names, sample.point.q, strict=True)]
-        matrix.append(along + [0.0] * (unknowns - n))
-    scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
-    _, sizes, directions = np.linalg.svd(scaled)
-    rank = int((sizes > 1e-10 * sizes[0]).sum()) if sizes[0] else 0
-    free = np.abs(directions[rank:, :n]).max(axis=0, initial=0.0)
-    return list(dict.fromkeys(name for name, size in zip(names, free, strict=True) if size > 1e-8))
-
-
-def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequence[str]) -> str:
-    """Return a sentence for equations that hold but are too few or dependent; `free` are undetermined coordinates."""
-    count, needed = len(rows), len(statement.names) - len(statement.rotations)
+        matrix.append(along + padding)
+    gradients = [[float(x) for x in row] + padding for row in sample.gradient]
+    matrix += [row for row in gradients if sum(map(bool, row)) == 1]
+    free = _free(matrix, names)
+    absent = []
+    for constraint, row in zip(statement.constraints, gradients, strict=True):
+        if free and _rank([*matrix, row])[0] > _rank(matrix)[0]:
+            matrix.append(row)
+            absent.append(constraint)
+    left = _free(matrix, names)
+    if absent and not left:
+        listed = listing(constraint.name for constraint in absent)
+        zero = statement.quote(absent[0].expression, LONGEST_QUOTED)
+        start = f"the constraint {listed} is" if len(absent) == 1 else f"the constraints {listed} are"
+        return f"{start} missing: add {zero} = 0 or its time derivative."
+    if not free:
+        return ""
+    count, needed = len(rows), len(names) - len(statement.rotations) + len(statement.constraints)
     rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
     rates = f"the {rate} of {listing(free)} is" if len(free) == 1 else f"the {rate}s of {listing(free)} are"
-    start = "The equation holds" if count == 1 else "The equations hold"
-    if count < needed and not statement.constraints:
+    if count < needed and (
+        not statement.constraints or any(any(list(row.slopes.values())[len(names) :]) for row in rows)
+    ):
         counted = "1 equation is" if count == 1 else f"{count} equations are"
-        return f"{start}, but {counted} given and {needed} are needed: {rates} left open."
-    return f"{start}, but not all are independent: {rates} left open."
+        return f"{counted} given and {needed} are needed: {rates} left open."
+    return f"not all are independent: {rates} left open."
+
+
+def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
+    """Return the rank of a matrix, and its right singular vectors by rows."""
+    scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
+    _, sizes, directions = np.linalg.svd(scaled)
+    return int((sizes > 1e-10 * sizes[0]).sum()) if sizes[0] else 0, directions
+
+
+def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
+    """Return the names of coordinates and rotations whose accelerations the rows of a matrix do not determine."""
+    rank, directions = _rank(matrix)
+    sizes = np.abs(directions[rank:, : len(names)]).max(axis=0, initial=0.0)
+    return list(dict.fromkeys(name for name, size in zip(names, sizes, strict=True) if size > 1e-8))
 
 
 def _refuted(

@@ -31,9 +31,9 @@ def with_exact_numbers(
 ) -> StudentEquation | None:
     """Return an equation that holds at all samples with exact numbers for its decimals, or None if none does.
 
-    Its `rounded` is a sentence on these numbers. A decimal is an exact number, rounded or cut off. For a product of
-    decimals, which SymPy multiplies, the relative error is that of the most precise one. The exact numbers replace
-    decimals with enough digits.
+    Its `rounded` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
+    enough digits: 0.667 stands for 2/3. A number that is cut off, such as 0.666, remains. For a product of decimals,
+    which SymPy multiplies, the relative error is that of the most precise one.
     """
     typed = sorted(map(Decimal, _DECIMAL.findall(equation.read)), key=_unit)
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
@@ -49,6 +49,11 @@ def with_exact_numbers(
     errors = [(exact[x] / x - 1) / _unit(source) for x, source in sources.items()]
     if not holds or any(not HELD - 0.5 < error < 1 - HELD for error in errors):
         return None
+    for x, error in zip(exact, errors, strict=True):
+        if error > 0.5 + HELD:
+            short = f"{abs(float(exact[x])):.{len(sources[x].as_tuple().digits)}g}"
+            number = _text(abs(exact[x]), FEWEST_DIGITS)
+            return replace(equation, rounded=f"{abs(float(x)):.15g} is not {number} rounded: {short}.")
     digits = min(len(source.as_tuple().digits) for source in sources.values())
     told = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
     if digits < FEWEST_DIGITS:

@@ -37,7 +37,8 @@ class StudentEquation:
     `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
     the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
     `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
-    text. `rounded` is a sentence on decimals that stand for exact numbers, or "".
+    text. `rounded` is a sentence on decimals that stand for exact numbers, or "". `aside` is true for a remark, such as
+    an equilibrium, which need not hold.
     """
 
     label: str
@@ -48,6 +49,7 @@ class StudentEquation:
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
     rounded: str = ""
+    aside: bool = False
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
@@ -172,7 +174,9 @@ class _EquationReader:
 def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any]) -> StudentEquation:
     """Return the first reading of a typed equation; `others` are its further readings."""
     first, *others = (
-        StudentEquation(label, reading.zero, reading.right, reading.read, reading.differentiated, letters)
+        StudentEquation(
+            label, reading.zero, reading.right, reading.read, reading.differentiated, letters, aside=typed.aside
+        )
         for reading in typed.readings
     )
     return replace(first, others=tuple(others))
@@ -249,12 +253,14 @@ class EquationRow:
     def leading(self, sample: MotionSample) -> list[Any]:
         """Return the values of the coefficients of accelerations and multipliers at a sample.
 
-        For a first-order equation they are those of its time derivative. Raises OutsideDomain if one has no value.
+        For an equation without them they are those of its first or second time derivative. Raises OutsideDomain if one
+        has no value.
         """
-        if any(self.slopes.values()) or not sample.first_order:
+        if any(self.slopes.values()):
             return self.numbers(sample)[0]
-        velocities = list(self.statement.plain.values())[1::3]
-        slopes = values_at(tape([sympy.diff(self.zero, v) for v in velocities], self.statement), sample)
+        plain = list(self.statement.plain.values())
+        symbols = plain[1::3] if self.zero.has(*plain[1::3]) else plain[::3]
+        slopes = values_at(tape([sympy.diff(self.zero, symbol) for symbol in symbols], self.statement), sample)
         return [*slopes, *[0] * len(sample.multipliers)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:

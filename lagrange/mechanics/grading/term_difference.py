@@ -34,6 +34,9 @@ LARGEST_POWER = 4
 LARGEST_FACTOR = 1000
 """Largest denominator of a fraction that approximates a constant factor."""
 
+LARGEST_NUMERATOR = 10**6
+"""Largest constant factor: the fraction of a number with an exponent of many digits takes minutes."""
+
 MISSING, EXTRA, SCALED, WRONG = range(4)
 
 
@@ -242,6 +245,8 @@ def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:
 
 def constant_of(values: Numbers) -> Fraction | None:
     """Return the small fraction that all values equal, or None."""
+    if values[0] and not 0.5 <= abs(values[0]) * LARGEST_FACTOR <= LARGEST_FACTOR * LARGEST_NUMERATOR:
+        return None
     fraction = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
     constant = [values[0] * 0 + fraction.numerator] * len(values)
     return fraction if same(values, constant, fraction.denominator) else None

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lagrange.statement.typed.derivatives import OPENING
 from lagrange.statement.typed.names import Names, Piece
+from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.tokens import Token
 
 
@@ -41,7 +42,8 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
     powered = bool(following) and (following[0].is_sign("^") or following[0].kind == "power")
     readings = [reading for reading in readings if all(piece.kind != "e" or powered for piece in reading)]
     if not readings:
-        return [UnknownWord(f"{name!r} is not a symbol of this system.{names.hint(token.text)}", token.begin)]
+        hint = names.hint(token.text) or (" Write a remark after '#'." if kind_of(token.text) == WORD else "")
+        return [UnknownWord(f"{name!r} is not a symbol of this system.{hint}", token.begin)]
     if not differentiated(readings, token, names):
         return [TypedFault(f"{name!r} has no derivative of this order here", token.begin)]
     return []

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, OPERATOR, PROSE
 
-_COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
+_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|^\s*```[^\n]*", re.MULTILINE)
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"

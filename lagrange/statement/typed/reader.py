@@ -7,9 +7,10 @@ on length, depth and work apply, and no code is run.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -22,10 +23,10 @@ from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
-from lagrange.statement.typed.names import RATES, Names
-from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
+from lagrange.statement.typed.names import RATES, Names, canonical
+from lagrange.statement.typed.remarks import FORMULA, OPERATIONS, SYMBOL, Clause, Line, Word, clauses_of, kind_of
 from lagrange.statement.typed.tokens import Token, tokens_of
-from lagrange.statement.vocabulary.letters import WORD
+from lagrange.statement.vocabulary.letters import GREEK, WORD
 
 LONGEST_TEXT = 8_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
@@ -36,8 +37,17 @@ LONGEST_ANSWER = 60_000
 _CONSTANT = (["const"], ["constant"], ["konst"])
 """Right sides that state that a quantity is constant."""
 
-_ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*(\^2|\*\*2|²)?\s*=(?!=)")
-"""A single name on the left side, or its square."""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
+"""A name that a line may define."""
+
+_OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
+"""Words with marks that mean derivatives in formulas: Newton's, für."""
+
+_ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOUss")
+"""Replacements of these marks, of the same length."""
+
+MOST_CHAINED = 4
+"""Most definitions of which each uses the one on the line after it."""
 
 MOST_EQUATIONS = 1_000
 """Most equations of one text."""
@@ -71,10 +81,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class TypedEquation:
-    """An equation with all its readings, the likeliest first, and the line on which it begins (from 1)."""
+    """An equation with all its readings, the likeliest first, and the line on which it begins (from 1).
+
+    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion.
+    """
 
     readings: tuple[Reading, ...]
     line: int
+    aside: bool = False
 
 
 class TypedReader:
@@ -110,14 +124,11 @@ class TypedReader:
                 raise StatementError(
                     f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
                 )
+        clean = _OF_SENTENCES.sub(self._without_accents, clean)
+        for span in spans:
+            clean = self._line_of(clean, *span).without_brackets()
         clauses = [clause for span in spans for clause in clauses_of(clean, *span, self._reads)]
-        reader, listed = self, []
-        for clause in clauses:
-            known = reader._abbreviation(clean, clause)
-            if known:
-                reader = TypedReader(reader.symbols | known, self.multipliers)
-            else:
-                listed.append(clause)
+        reader, listed = self._with_definitions(clean, clauses)
         return reader._all(text, clean, listed, what)
 
     def _all(self, text: str, clean: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
@@ -125,18 +136,31 @@ class TypedReader:
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         for clause in clauses:
             line = self._line_of(clean, clause.begin, clause.end)
-            aside = clause.aside or self._is_introduced(text, clause.begin)
-            if line.is_value(self._is_parameter) or (aside and not self._is_equation(line)):
+            moves = self._accelerates(self._tokens(clean, clause.begin, clause.end))
+            introduced = not moves and self._is_introduced(text, clause.begin)
+            narrow = line.equation(moves=moves)
+            aside = not moves and (clause.aside or introduced or narrow[0] > line.begin)
+            if line.is_value(self._is_parameter):
                 continue
             try:
-                equations = self._without_remarks(line)
+                equations = self._without_remarks(line, *narrow)
             except _Faults as error:
-                (remarks if line.is_remark() else faults).extend(error.faults)
+                left_out = line.is_law() or introduced or (not moves and line.is_remark(aside=clause.aside))
+                (remarks if left_out else faults).extend(error.faults)
                 continue
-            found += [TypedEquation(readings, _line(text, clause.begin)) for readings in equations]
+            found += [TypedEquation(readings, _line(text, clause.begin), aside) for readings in equations]
         if faults or (remarks and not found):
             raise StatementError(self._refusal(text, faults or remarks, what))
         return found
+
+    def _tokens(self, text: str, begin: int, end: int) -> list[Token]:
+        """Return the tokens of a part of a text. Words for operations are signs, unless they are symbols."""
+        return [
+            replace(token, kind="sign", text=OPERATIONS[token.text])
+            if token.text in OPERATIONS and token.kind == "word" and not self._reads(token.text)
+            else token
+            for token in with_derivatives(tokens_of(text, begin, end))
+        ]
 
     def _line_of(self, text: str, begin: int, end: int) -> Line:
         """Return a part of a text with its words."""
@@ -145,19 +169,23 @@ class TypedReader:
             if token.kind == "word":
                 pieces = next(iter(self.names.readings(token.text)), [])
                 marked = token.order > 0 or token.primes > 0
-                known = bool(pieces or marked or self.names.hint(token.text))
-                formula = marked or any(piece.kind == "function" or piece.order for piece in pieces)
-                words.append(Word(token.begin, token.end, known, formula))
+                if marked or any(piece.kind == "function" or piece.order for piece in pieces):
+                    kind = FORMULA
+                else:
+                    known = pieces or self.names.hint(token.text)
+                    kind = SYMBOL if known else kind_of(text[token.begin : token.end])
+                words.append(Word(token.begin, token.end, kind))
         return Line(text, begin, end, tuple(words))
+
+    def _without_accents(self, match: re.Match[str]) -> str:
+        """Return a word such as für or Newton's without its accents, unless it is a product of symbols."""
+        words = [token.text for token in tokens_of(match.group(), 0, len(match.group())) if token.kind == "word"]
+        return match.group() if all(map(self._reads, words)) else match.group().translate(_ACCENTS)
 
     def _is_introduced(self, text: str, begin: int) -> bool:
         """Return True if a sentence with a colon, such as "Steady state:", precedes a part."""
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
         return bool(colon) and not rest.strip() and self._line_of(above, 0, len(above)).is_sentence()
-
-    def _is_equation(self, line: Line) -> bool:
-        """Return True if a part has a sign of equality and an acceleration."""
-        return "=" in line.shown and self._accelerates(with_derivatives(tokens_of(line.text, line.begin, line.end)))
 
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""
@@ -172,17 +200,14 @@ class TypedReader:
         pieces = next(iter(self.names.readings(word)), [])
         return len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
 
-    def _without_remarks(self, line: Line) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a part, without the words around it. Raises _Faults."""
+    def _without_remarks(self, line: Line, begin: int, end: int) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a part, else of text[begin:end] in it. Raises _Faults."""
         try:
             return self._readings(line.text, line.begin, line.end)
         except _Faults:
-            for begin, end in line.narrower():
-                if begin > line.begin and not self._is_equation(Line(line.text, begin, end, ())):
-                    continue  # a sentence such as "The equilibrium is at x = 0"
-                with suppress(_Faults):
-                    return self._readings(line.text, begin, end)
-            raise
+            if begin >= end or (begin, end) == (line.begin, line.end):
+                raise
+            return self._readings(line.text, begin, end)
 
     def _readings(self, text: str, begin: int, end: int) -> list[tuple[Reading, ...]]:
         """Return the readings of each equation of a part: a = b = c has two. Raises _Faults."""
@@ -226,20 +251,54 @@ class TypedReader:
                 break
         return " = ".join(read)
 
-    def _abbreviation(self, text: str, clause: Clause) -> dict[str, Any]:
-        """Return the symbol that a line such as r = sqrt(x^2 + y^2) introduces for other lines, {} for an equation."""
-        match = _ABBREVIATION.match(text, clause.begin, clause.end)
-        if match is None or self._reads(match.group(1)):
-            return {}
-        name = rf"(?<![A-Za-z0-9_]){match.group(1)}(?![A-Za-z0-9_])"
-        if not re.search(name, text[: clause.begin] + text[clause.end :]):
-            return {}
+    def _with_definitions(self, text: str, clauses: Sequence[Clause]) -> tuple[TypedReader, list[Clause]]:
+        """Return a reader with the symbols that clauses such as r = sqrt(x^2 + y^2) define, and the other clauses.
+
+        A definition may use one that follows it. A name that no other clause contains is not defined.
+        """
+        reader, left = self, list(clauses)
+        tokens = {clause: self._tokens(text, clause.begin, clause.end) for clause in clauses}
+        words = {
+            clause: {canonical(token.text) for token in tokens[clause] if token.kind == "word"} for clause in clauses
+        }
+        uses = Counter(word for clause in clauses for word in words[clause])
+        for _ in range(MOST_CHAINED):
+            for clause in [*left]:
+                name, square, begin = self._defined(tokens[clause])
+                if uses[canonical(name)] > 1 and not reader._reads(name):
+                    known = reader._abbreviation(text[: clause.end], name, begin, square=square)
+                    if known:
+                        reader = TypedReader(reader.symbols | known, self.multipliers)
+                        left.remove(clause)
+        return reader, left
+
+    @staticmethod
+    def _defined(tokens: Sequence[Token]) -> tuple[str, bool, int]:
+        """Return the name before a sign of equality at the begin of a clause, if it is squared, and the next offset."""
+        texts = [token.text for token in tokens[:4]]
+        square = texts[1:2] == ["2"] or texts[1:3] == ["^", "2"]
+        place = texts.index("=") if "=" in texts else 0
+        name = "".join(GREEK.get(mark, mark) for mark in texts[0]) if place else ""
+        if not _NAME.fullmatch(name) or tokens[0].order or tokens[0].primes or (place > 1 and not square):
+            return "", False, 0
+        return name, square, tokens[place].end
+
+    def _abbreviation(self, text: str, name: str, begin: int, *, square: bool) -> dict[str, Any]:
+        """Return {name: value} for the definition text[begin:], with the rate of the value if it moves.
+
+        It is {} for an equation. The value is a root if the name is squared.
+        """
         try:
-            (readings,) = self._readings(text, match.end(), clause.end)
+            (readings,) = self._readings(text, begin, len(text))
         except (_Faults, ValueError):
             return {}
-        value = sympy.sqrt(readings[0].zero) if match.group(2) else readings[0].zero
-        return {match.group(1): value} if not readings[0].right else {}
+        if readings[0].right:
+            return {}
+        value = sympy.sqrt(readings[0].zero) if square else readings[0].zero
+        with suppress(SceneError):
+            rate = self.differentiated(value, 1)
+            return {name: value, f"{name}_dot": rate} if rate != 0 else {name: value}
+        return {name: value}
 
     def _strict(self, text: str) -> Reading | None:
         """Return the reading of a text in the strict notation, None if it is not in it."""
@@ -256,10 +315,11 @@ class TypedReader:
     def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
         """Return the sides of each equation of a part. Raises _Faults.
 
-        For a = b = c these are a = b and a = c. A further side that is an unknown name, as in p = m x' = const, is
-        left out. For a side equated with "const", or a velocity with a name that is not a symbol, its rate is zero.
+        For a = b = c these are a = b and a = c. A further side of unknown names, as in p = m x' = const, is left out,
+        and in the middle also one such as F/m. For a side equated with "const", or a velocity with a name that is not a
+        symbol, its rate is zero.
         """
-        tokens = with_derivatives(tokens_of(text, begin, end))
+        tokens = self._tokens(text, begin, end)
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
         cuts = [-1, *places, len(tokens)]
         sides = [tokens[left + 1 : right] for left, right in pairwise(cuts)]
@@ -267,7 +327,7 @@ class TypedReader:
             if not left or not right:
                 side = "left" if not left else "right"
                 raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", tokens[place].begin)])
-        plain = [side for side in sides if self._is_constant(side) or not self._is_foreign(side)]
+        plain = [side for side in sides if self._is_constant(side) or not self._is_foreign(side, side in sides[1:-1])]
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(map(self._accelerates, sides)):
             many = f"there are {len(places)} signs of equality: write one equation with two sides"
@@ -276,10 +336,12 @@ class TypedReader:
             return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
-    def _is_foreign(self, side: Sequence[Token]) -> bool:
-        """Return True if a side has unknown names, and no other fault."""
+    def _is_foreign(self, side: Sequence[Token], between: bool) -> bool:
+        """Return True if a side has unknown names and no other fault; and no symbols, unless it is between others."""
         faults = faults_of(side, self.names)
-        return bool(faults) and all(isinstance(fault, UnknownWord) for fault in faults)
+        words = sum(token.kind == "word" for token in side)
+        unknown = bool(faults) and all(isinstance(fault, UnknownWord) for fault in faults)
+        return unknown and (between or len(faults) == words)
 
     @staticmethod
     def _is_constant(side: Sequence[Token]) -> bool:

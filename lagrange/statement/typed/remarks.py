@@ -1,54 +1,118 @@
-"""Words in an answer outside of equations: remarks, units, clauses such as "where g = 9.81", whole sentences.
+r"""Words in an answer outside of its equations: remarks, units, and clauses that say nothing about the motion.
 
-A word belongs to a sentence only if it is not a symbol of the system. Text that can be read as an equation is kept
-completely. A word that may be a misspelled symbol is kept, so that it is refused.
+A part of an equation is left out only if it is set apart: prose in brackets, prose after a mark such as a comma, and
+words before the equation that end with a connecting word. Any other word that is not a symbol is a fault. A clause
+without an acceleration may be left out as a whole: the others must then determine the motion.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 from lagrange.statement.typed.latex import ARROW
 from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of
 
 _ASIDES = (
-    *("where", "with", "for", "if", "when", "since", "because", "as", "here", "assuming", "provided", "using", "by"),
-    *("wobei", "mit", "für", "wenn", "falls", "weil", "da"),
+    *("where", "with", "for", "if", "when", "since", "because", "as", "here", "assuming", "provided", "using"),
+    *("wobei", "mit", "fur", "wenn", "falls", "weil", "da"),
 )
-_LINKS = (
-    *("so", "thus", "hence", "therefore", "then", "and", "or", "gives", "yields", "we", "get", "obtain", "is", "that"),
-    *("from", "let", "answer", "solution", "eom", "ok", "qed", "done", "finally", "also", "und", "somit"),
+_CONNECTING = (
+    *(
+        "so",
+        "thus",
+        "hence",
+        "therefore",
+        "then",
+        "and",
+        "or",
+        "gives",
+        "yields",
+        "get",
+        "obtain",
+        "find",
+        "is",
+        "that",
+    ),
+    *("reads", "becomes", "follows", "which", "finally", "answer", "solution", "result", "eom", "also", "und", "oder"),
+    *(
+        "somit",
+        "daher",
+        "damit",
+        "dann",
+        "folgt",
+        "gilt",
+        "ist",
+        "lautet",
+        "ergibt",
+        "sich",
+        "antwort",
+        "ergebnis",
+        "losung",
+    ),
 )
-_ARROW = re.compile(rf"=>|->|[⇒→⟹⟶∴]|{ARROW}")
-_ASIDE = re.compile(rf"\b(?:{'|'.join(_ASIDES)})\b", re.IGNORECASE)
+"""Words that may stand directly before an equation."""
+
+OPERATIONS = {"plus": "+", "minus": "-", "times": "*", "mal": "*", "over": "/", "durch": "/"}
+"""Words that are read as signs of operations."""
+
+_UNREAD = ("squared", "divided", "geteilt", "multiplied")
+"""Words for operations that are not read."""
+
+_NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
+"""Words that may not precede an equation."""
+
+_JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
+"""Words without a meaning of their own, so that they do not make prose out of symbols."""
+
+_ARROW = re.compile(rf"=>|->|:(?!=)|[⇒→⟹⟶∴]|{ARROW}")
+_ASIDE = re.compile(rf"(?<!\\)\b(?:{'|'.join(_ASIDES)})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
 _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
-_UNITS_AT_END = re.compile(rf"\s(?:\[\s*{_UNITS}\s*\]|\(\s*{_UNITS}\s*\)|{_UNITS})[\s.]*$")
+_UNITS_ALONE = re.compile(rf"\s*{_UNITS}[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
-_OPERATOR_AT_END = re.compile(r"[-+*/^=(\[{,\u2212·]\s*$")
-_LETTERS = re.compile(r"[\s,;.]*(?:[A-Za-z]\.)+[A-Za-z]\.?\s*$")
-_LAGRANGE = re.compile(r"∂|\\partial|\bd(?:L|T|V|U)\b")
-_DEFINITION = re.compile(r"\(\s*(?=([^\W\d_]\w*)\s*(?:\^2|\*\*2|²)?\s*=)")
-_DEFINED = re.compile(r"[\s(]*([^\W\d_]\w*)\s*(?:\([^()=]*\)\s*)?:?=")
+_PROVEN = re.compile(r"[\s,;.]*(?:q\.?\s?e\.?\s?d|w\.?\s?z\.?\s?b\.?\s?w)\.?\s*$", re.IGNORECASE)
+_MARK = re.compile(rf"[,;!]|\.\s|//|--|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
+_BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
+_SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
+"""Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"."""
+
+_NEVER = re.compile(r"[=^|\\]")
+_LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
+_STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
+_DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*:?=")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
+
+_PUNCTUATION = " \t\r\n.,;"
+
+SYMBOL, FORMULA, NAME, WORD, SHORT = range(5)
+"""Kinds of words: a symbol or product of the system, also misspelled; a function or derivative; another name such as
+F_x; a word of a sentence; a word of a sentence that does not make prose out of symbols."""
 
 
 @dataclass(frozen=True)
 class Word:
-    """The span of a word in a text.
-
-    `known` is true for symbols and products of the system, also misspelled, and functions. `formula` is true for
-    functions and derivatives, which sentences do not contain.
-    """
+    """The span of a word in a text, and its kind."""
 
     begin: int
     end: int
-    known: bool
-    formula: bool = False
+    kind: int
+
+
+def kind_of(text: str) -> int:
+    """Return the kind of a word that the system does not know."""
+    lower = text.lower()
+    if lower in (*OPERATIONS, *_UNREAD):
+        return FORMULA
+    if lower in _JOINING:
+        return SHORT
+    spelled = text[1:].islower() or text in "aI" or (text.isupper() and len(text) > 2)
+    if not (spelled and text.isalpha()) or "dot" in lower:
+        return NAME
+    return WORD if len(text) > 2 else SHORT
 
 
 @dataclass(frozen=True)
@@ -61,17 +125,21 @@ class Clause:
 
 
 def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) -> list[Clause]:
-    """Return the clauses of text[begin:end]: it is divided at arrows, at words such as "where" and before "(name =".
+    """Return the clauses of text[begin:end].
 
-    A word that is a symbol of the system does not divide.
+    It is divided at arrows and colons, before brackets with an equation, and at words such as "where" between two signs
+    of equality. A word that is a symbol of the system does not divide.
     """
     cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
-    cuts += [(match.span(), True) for match in _ASIDE.finditer(text, begin, end) if not known(match.group())]
-    cuts += [(match.span(), True) for match in _DEFINITION.finditer(text, begin, end) if not known(match.group(1))]
+    asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
+    cuts += [(match.span(), True) for match in asides if not known(match.group())]
+    cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
     clauses, start, aside = [], begin, False
     for (left, right), opens in sorted(cuts):
+        if opens and "=" not in text[start:left] and text[start:left].strip():
+            continue
         clauses.append(_trimmed(text, start, left, aside))
-        start, aside = right, opens
+        start, aside = right, opens or aside
     clauses.append(_trimmed(text, start, end, aside))
     return [clause for clause in clauses if clause.end > clause.begin]
 
@@ -88,7 +156,7 @@ def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
     while begin < end and text[begin] in " \t\r\n,;":
         begin += 1
     if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:
-        enclosed = _brackets(text, begin, end)[begin] == end - 1
+        enclosed = all(accumulate((mark in OPEN) - (mark in CLOSE) for mark in text[begin : end - 1]))
         return Clause(begin + enclosed, end - enclosed, aside)
     return Clause(begin, end, aside)
 
@@ -107,33 +175,64 @@ class Line:
         """Text of the part."""
         return self.text[self.begin : self.end]
 
-    def narrower(self) -> Iterator[tuple[int, int]]:
-        """Yield candidate spans of the equation, without the words before and after it."""
-        head = self._after_introduction()
-        for start in dict.fromkeys((self.begin, head)):
-            if start != self.begin:
-                yield start, self.end
-            for cut in self._remarks(start):
-                before = self.text[start:cut].rstrip(" ,;")
-                if "=" in before and not _OPERATOR_AT_END.search(before):
-                    yield start, start + len(before)
+    def without_brackets(self) -> str:
+        """Return the whole text with blanks for brackets with prose or units."""
+        text = self.text
+        for match in _BRACKET.finditer(text, self.begin, self.end):
+            if self._is_apart(*match.span(1)):
+                text = text[: match.start()] + " " * len(match.group()) + text[match.end() :]
+        return text
 
-    def is_remark(self) -> bool:
-        """Return True if a part that cannot be read is not about the motion.
+    def equation(self, *, moves: bool) -> tuple[int, int]:
+        """Return the span without the words before the equation and without remarks after it.
 
-        It is a sentence, a definition of another quantity such as L = T - V, or Lagrange's formula.
+        If `moves` is true, the equation has an acceleration, and a connecting word must precede it.
         """
-        if "=" not in self.shown or _LAGRANGE.search(self.shown):
-            return True
-        defined = _DEFINED.match(self.text, self.begin, self.end)
-        first = self.words[0] if self.words else None
-        if defined and first and first.begin == defined.start(1) and not first.known:
-            return True
-        return self._has_sentence(self.begin)
+        proven = _PROVEN.search(self.text, self.begin, self.end)
+        end = proven.start() if proven else self.end
+        for mark in reversed([*_MARK.finditer(self.text, self.begin, end)]):
+            wide = mark.group().isspace()
+            if self._is_unit(mark.end(), end) if wide else self._is_apart(mark.end(), end, bare=mark.group().isalpha()):
+                end = mark.start()
+        run = self._introduction()
+        ends = [self._spelled(word) in _CONNECTING if moves else word.kind != SYMBOL for word in run]
+        cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
+        kinds = [word.kind for word in run[:cut]]
+        begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
+        if _SIGNS.match(self.text[begin:end].lstrip()):
+            begin = self.begin
+        while end > begin and self.text[end - 1] in _PUNCTUATION:
+            end -= 1
+        while end > begin and self.text[begin] in _PUNCTUATION:
+            begin += 1
+        return begin, end
 
     def is_sentence(self) -> bool:
-        """Return True if the part has two adjacent words of which one is not a symbol."""
-        return self._has_sentence(self.begin)
+        """Return True if the part begins with at least two words that are not symbols."""
+        kinds = [word.kind for word in self._introduction()]
+        return WORD in kinds and len(kinds) - kinds.count(SYMBOL) > 1
+
+    def is_remark(self, *, aside: bool) -> bool:
+        """Return True if a part without an acceleration that cannot be read is not about the motion.
+
+        It is prose, a sentence, or the definition of another quantity such as L = T - V. An aside after "where" is not
+        a sentence because of its first word alone.
+        """
+        kinds = [word.kind for word in self.words]
+        left, equality, _ = self.shown.partition("=")
+        if not equality:
+            bare = not _SIGNS.search(self.shown) and FORMULA not in kinds
+            return self._is_apart(self.begin, self.end) or (bare and kinds[:1] == [WORD] and kinds[-1] in (WORD, SHORT))
+        begin, _ = self.equation(moves=False)
+        first = next((word.kind for word in self.words if word.begin >= begin), SYMBOL)
+        if _DEFINED.match(self.text, begin, self.end) and first >= NAME:
+            return True
+        explained = left.strip().isalnum() and self._is_apart(self.begin + len(left) + 1, self.end)
+        return explained or self.is_sentence() or (not aside and kinds[:1] == [WORD])
+
+    def is_law(self) -> bool:
+        """Return True if the part is Lagrange's formula."""
+        return bool(_LAGRANGE.search(self.shown))
 
     def is_value(self, parameter: Callable[[str], bool]) -> bool:
         """Return True if a part states a value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
@@ -143,88 +242,40 @@ class Line:
         place = self.begin + len(name)
         return parameter(name.strip()) and bool(_NUMBER_AT_END.fullmatch(self.text, place, self.end))
 
-    def _after_introduction(self) -> int:
-        """Return the offset after the words that introduce an equation, `begin` without such words."""
-        colon = self.text.rfind(":", self.begin, self.end)
-        if colon >= 0 and any(not word.known for word in self.words if word.end <= colon):
-            return colon + 1
-        run: list[Word] = []
-        place = self.begin
+    def _introduction(self) -> Sequence[Word]:
+        """Return the words at the begin of the part with only blanks and punctuation between them."""
+        place, run = self.begin, list[Word]()
         for word in self.words:
-            if word.formula or self.text[place : word.begin].strip(" \t\r\n.,;"):
+            stops = word.kind in (FORMULA, NAME) or self._spelled(word) in _NEGATIONS
+            if stops or self.text[place : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
             place = word.end
-        strange = [word for word in run if not word.known]
-        if not strange or (len(run) == 1 and not self._links(run[0])):
-            return self.begin
-        if len(strange) == 1 and len(run) > 1 and not self._is_word(strange[0]):
-            return self.begin
-        return strange[-1].end
+        return run
 
-    def _remarks(self, begin: int) -> Iterator[int]:
-        """Yield offsets at which a remark or a unit begins that reaches to the end of the part."""
-        strange = [word for word in self.words if not word.known and word.begin >= begin]
-        unit = _UNITS_AT_END.search(self.text, begin, self.end)
-        if unit and any(word.begin >= unit.start() for word in strange):
-            yield unit.start()
-        if not strange:
-            return
-        place = strange[0].begin
-        opened = (i for i, closing in _brackets(self.text, begin, place).items() if closing == place)
-        bracket = next(opened, None)
-        if bracket is not None:
-            if self._is_remark_in_brackets(bracket):
-                yield bracket
-            return
-        separator = max(self.text.rfind(mark, begin, place) for mark in (",", ";", "  ", "\t", ". "))
-        for cut in (separator, place):
-            if cut > begin and self._is_sentence(cut):
-                yield cut
+    def _is_unit(self, begin: int, end: int) -> bool:
+        """Return True if text[begin:end] is a unit of which one word is not a symbol."""
+        unit = _UNITS_ALONE.fullmatch(self.text, begin, end)
+        return bool(unit) and any(word.kind != SYMBOL for word in self.words if begin <= word.begin < end)
 
-    def _is_remark_in_brackets(self, begin: int) -> bool:
-        """Return True if brackets at the end of a part contain words, or one word of more than three letters."""
-        inside = [word for word in self.words if word.begin >= begin]
-        spaced = self.text[begin - 1 : begin].isspace()
-        alone = len(inside) == 1 and (inside[0].end - inside[0].begin > 3 or self._links(inside[0]))
-        plain = not re.search(r"[-+*/^=]", self.text[begin : self.end])
-        strange = len(inside) > 1 and all(self._is_word(word) for word in inside)
-        return spaced and (self._has_sentence(begin) or (alone and plain) or strange)
+    def _is_apart(self, begin: int, end: int, *, bare: bool = False) -> bool:
+        """Return True if text[begin:end] is prose or a unit, which is left out after a mark or in brackets.
 
-    def _is_sentence(self, begin: int) -> bool:
-        """Return True if the end of a part consists of words and not of factors."""
-        rest, words = self.text[begin : self.end], [word for word in self.words if word.begin >= begin]
-        if _LETTERS.match(rest) or (len(words) == 1 and self._links(words[0])):
+        Prose has at least as many words as symbols and names; more if `bare` is true, after "where" without a comma.
+        """
+        words = [word for word in self.words if begin <= word.begin and word.end <= end]
+        kinds = [word.kind for word in words]
+        names = len(kinds) - kinds.count(WORD) - kinds.count(SHORT)
+        if self._is_unit(begin, end):
             return True
-        return not re.search(r"[+*/^]", rest) and self._has_sentence(begin)
-
-    def _has_sentence(self, begin: int) -> bool:
-        """Return True if two adjacent words follow of which one is neither a symbol nor a short name."""
-        pairs = pairwise(word for word in self.words if word.begin >= begin)
-        return any(
-            not self.text[left.end : right.begin].strip(" \t\r\n.,;:")
-            and self.text[left.end : right.begin]
-            and not left.formula
-            and (self._is_word(left) or self._is_word(right))
-            for left, right in pairs
+        if FORMULA in kinds or kinds.count(WORD) < max(1, names + bare):
+            return False
+        product = any(
+            not {left.kind, right.kind} & {WORD, SHORT} and self.text[left.end : right.begin].isspace()
+            for left, right in pairwise(words)
         )
+        signs = _SIGNS if names or re.search(r"\d", self.text[begin:end]) else _NEVER
+        return not product and not signs.search(self.text, begin, end)
 
-    def _is_word(self, word: Word) -> bool:
-        spelled = self.text[word.begin : word.end]
-        return not word.known and "dot" not in spelled and (len(spelled) > 2 or self._links(word))
-
-    def _links(self, word: Word) -> bool:
-        """Return True if a word is a conjunction or another word that joins equations."""
-        return self.text[word.begin : word.end].lower() in (*_LINKS, *_ASIDES)
-
-
-def _brackets(text: str, begin: int, end: int) -> dict[int, int]:
-    """Return {offset of an opening bracket: offset of its closing one} in text[begin:end]; `end` if none closes it."""
-    pairs, opened = dict[int, int](), list[int]()
-    for i in range(begin, end):
-        if text[i] in OPEN:
-            opened.append(i)
-            pairs[i] = end
-        elif text[i] in CLOSE and opened:
-            pairs[opened.pop()] = i
-    return pairs
+    def _spelled(self, word: Word) -> str:
+        return self.text[word.begin : word.end].lower() if word.kind != SYMBOL else ""

@@ -174,9 +174,61 @@ REMARKS = {
 """Answers with words around the equations, and the equations."""
 
 
+REMARKS |= {
+    f"{before}x'' = -k x/m{after}": ["x_ddot = -k*x/m"]
+    for before, after in [
+        ("Newton's second law gives ", ", where m is the mass"),
+        ("Die Gleichung für x lautet ", " (ohne Reibung)"),
+        ("So, ", ", for small x"),
+        ("```\n", "\n```"),
+        ("", " -- no friction"),
+        ("", " where k is the stiffness of the spring"),
+        ("Let v = x' be the rate.\n", "\nwhich is independent of g."),
+        ("L = T - V, ", ", Q.E.D."),
+        ("", " (conservation of E = m x'^2/2 + k x^2/2)"),
+    ]
+}
+"""Answers with words that are set apart."""
+
+DEFINED = {
+    "x'' = -ω0² x\nω0² = c_1/m\nc_1 = k": "x_ddot = -omega0**2*x",
+    r"\ddot x = -\omega_c x, \omega_c = \frac{k}{m}": "x_ddot = -omega_c*x",
+    "m x'' plus k x minus g over l = 0": "m*x_ddot + k*x - g/l = 0",
+    "m v' = -k x times 2\nv = dx/dt": "m*v_dot = -k*x*2",
+}
+"""Answers with definitions and with words for operations, and the first equation."""
+
+
+@pytest.mark.parametrize("text", DEFINED)
+def test_definitions_and_words_for_operations_are_read(text: str) -> None:
+    (equation,) = reader().equations(text)
+    assert equation.readings[0].read == DEFINED[text]
+
+
+SCRAPS = (
+    *("per k", "by m", "of x", "und g", "and x", "with friction g x'", "mit Reibung mu g", "// m", "friction", "F_x"),
+    *("for x", "geteilt durch k", ", minus g x", "+ drag", "squared", "- E_kin", "(friction g x')", "= g F_T", ", k x"),
+    *(r"\text{ squared }", ", with friction g l", "\nM theta'' = F_R R", "\n+ F_1 + F_2", "mod k", "hence x", "[F_x]"),
+)
+"""Scraps after a right equation, each of which may be mathematics."""
+
+
+@pytest.mark.parametrize("scrap", SCRAPS)
+def test_no_scrap_of_mathematics_is_a_remark(scrap: str) -> None:
+    with pytest.raises(StatementError, match=r"is not a symbol|cannot stand here|a value is missing|mod takes 2"):
+        reader().equations(f"x'' = -k x/m {scrap}")
+
+
+@pytest.mark.parametrize("text", ["not x'' = -k x/m", "mass x'' = -k x", "two x'' = -k x/m"])
+def test_words_before_an_equation_end_with_a_connecting_one(text: str) -> None:
+    with pytest.raises(StatementError, match=f"'{text.split(maxsplit=1)[0]}' is not a symbol"):
+        reader().equations(text)
+
+
 @pytest.mark.parametrize("text", REMARKS)
 def test_remarks_belong_to_no_equation(text: str) -> None:
-    assert [one.readings[0].read for one in reader().equations(text)] == REMARKS[text]
+    equations = [one for one in reader().equations(text) if not one.aside]
+    assert [one.readings[0].read for one in equations] == REMARKS[text]
 
 
 @pytest.mark.parametrize(
