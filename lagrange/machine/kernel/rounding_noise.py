@@ -24,8 +24,11 @@ UNIT = 2.0**-53
 NO_PIVOT = 1e-12
 """Smallest pivot, relative to its summands, that needs no row exchange."""
 
-EXACT = frozenset(("neg", "abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not", "select"))
+EXACT = frozenset(("neg", "abs", "min", "max", "select"))
 """Operations that do not round."""
+
+JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
+"""Operations without noise: their values jump. A jump of a force is not rounding, even for a state on its surface."""
 
 
 class Noisy(NamedTuple):
@@ -42,6 +45,8 @@ def _noisy(name: str) -> Callable[..., Noisy]:
     def apply(*args: Noisy) -> Noisy:
         values = [one.value for one in args]
         value = operation(*values)
+        if name in JUMPING:
+            return Noisy(value, 0.0)
         noise = own * abs(float(value))
         for k, one in enumerate(args):
             if one.noise:
