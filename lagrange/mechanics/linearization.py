@@ -35,6 +35,7 @@ from lagrange.mechanics.plain_form import in_decimals, in_fractions, numeric, si
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
 from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.progress import deriving
 from lagrange.statement.statement import Statement
 
 
@@ -148,9 +149,10 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement)
-    point = stated_point(known_statement(statement), at, inputs)
-    linearization = linearized_at(point)
-    check(linearization, point, system.compile("numpy", check=False))
+    with deriving(f"linear equations of {statement.name}"):
+        point = stated_point(known_statement(statement), at, inputs)
+        linearization = linearized_at(point)
+        check(linearization, point, system.compile("numpy", check=False))
     return linearization
 
 

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -201,7 +202,14 @@ def test_a_terminal_is_told_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) 
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 
-def test_a_terminal_is_told_of_a_long_derivation(monkeypatch: pytest.MonkeyPatch) -> None:
+DERIVATIONS: dict[str, tuple[str, Callable[[lg.System], Any]]] = {
+    "pendulum": ("lagrange.show.notebook.shown_derivation.render", lambda system: system.derivation().text()),
+    "linear equations of pendulum": ("lagrange.mechanics.linearization.check", lg.System.linearize),
+}
+
+
+@pytest.mark.parametrize("what", DERIVATIONS)
+def test_a_terminal_is_told_of_a_long_derivation(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
@@ -212,9 +220,10 @@ def test_a_terminal_is_told_of_a_long_derivation(monkeypatch: pytest.MonkeyPatch
             time.sleep(0.01)
         return "done"
 
-    monkeypatch.setattr("lagrange.show.notebook.shown_derivation.render", slow)
-    assert lg.scene("pendulum").derivation().text() == "done"
-    assert terminal.text.startswith("\rderiving pendulum: 0 s")
+    place, derive = DERIVATIONS[what]
+    monkeypatch.setattr(place, slow)
+    derive(lg.scene("pendulum"))
+    assert terminal.text.startswith(f"\rderiving {what}: 0 s")
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 
