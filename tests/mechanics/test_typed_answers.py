@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from fractions import Fraction
 
+import mpmath
 import pytest
 import sympy as sp
 
 import lagrange as lg
 from lagrange.mechanics import plain_form
-from lagrange.mechanics.grading import term_difference, wrong_term
+from lagrange.mechanics.grading import budget, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
@@ -466,6 +468,28 @@ def test_a_sum_with_an_exponent_of_many_digits_is_not_factored(monkeypatch: pyte
     monkeypatch.setattr(sp, "factor", lambda *_: pytest.fail("a sum was factored"))
     typed = (k * x + m * x**3.001) / (k * x + m * x**3)
     assert plain_form.simplest(typed).has(x)
+
+
+LARGE = ("exp(-1e9 x^2)", "exp(1e6 x)", "cosh(1e6 x)", "*".join(f"(x + {i} c)" for i in range(25)))
+"""Factors with which the search for a wrong term takes SymPy minutes in a single call."""
+
+
+@pytest.mark.parametrize("factor", LARGE, ids=range(len(LARGE)))
+def test_the_wrong_term_of_an_equation_of_large_numbers_is_not_searched(factor: str) -> None:
+    result = oscillator().compare(f"m x'' + c x' + k x {factor} = m g + F cos(w t)")
+    assert result.wrong == (0,) and budget.UNNAMED in result.message
+
+
+def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "SECONDS", 0.0)
+    assert oscillator().compare("m x'' + c x' + k x = m g + F cos(w t)")
+    result = oscillator().compare("m x'' + c x' - k x = m g + F cos(w t)")
+    assert not result and result.message == f"Equation 1 does not hold. {budget.UNNAMED}" and result.details
+
+
+def test_a_fraction_of_a_number_with_a_large_exponent_is_not_built() -> None:
+    assert term_difference.constant_of([mpmath.mpf(10) ** -(10**8)]) is None
+    assert term_difference.constant_of([mpmath.mpf(2) / 3]) == Fraction(2, 3)
 
 
 def test_a_high_power_of_a_sum_is_not_expanded() -> None:

@@ -19,6 +19,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
+from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
@@ -221,11 +222,13 @@ def compare_equations(
 
     further, untried = branch_samples(statement, rows, samples)
     samples += further
-    result, alone = _compared(derivation, rows, samples, untried, written)
     remark = ""
-    if result.wrong:
-        slip = slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
-        remark = f" {slip}" if slip else ""
+    with budget.limited(budget.SECONDS):
+        result, alone = _compared(derivation, rows, samples, untried, written)
+        with suppress(budget.BudgetSpent):
+            budget.check_size(*(row.zero for row in rows))
+            slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
+            remark = f" {slip}" if slip else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
     remark += "".join(f" {understood[i][0].rounded}" for i in told if understood[i][0].rounded)
     shown = [i for i in told if equations[i].others]
@@ -334,7 +337,11 @@ def _blamed(
     for sign, listed, which in ((1, rows, wrong), (-1, others, places)):
         if len(which) == fewest:
             writer = write if sign == 1 else lambda expression: write(expression.xreplace(turned))
-            term = wrong_term(listed[which[0]], derivation, samples, writer)
+            label = listed[which[0]].label
+            term = WrongTerm(f"{label[0].upper()}{label[1:]} does not hold. {budget.UNNAMED}")
+            with suppress(budget.BudgetSpent):
+                budget.check_size(listed[which[0]].zero)
+                term = wrong_term(listed[which[0]], derivation, samples, writer)
             negative = any(sign * force < 0 for sample in samples for force in sample.multipliers)
             choices.append(((not term.alone, negative, -which[0]), (listed, which, term)))
     return min(choices, key=lambda choice: choice[0])[1]

@@ -15,6 +15,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
+from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
 from lagrange.mechanics.grading.student_equations import (
     EquationRow,
@@ -302,10 +303,11 @@ def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
     terms = spread(zero, lambda factor: factor.has(*moving))
     if terms is None:
         return None
-    coefficients: dict[Any, Any] = {}
+    listed: dict[Any, list[Any]] = {}
     for term in terms:
         coefficient, product = term.as_independent(*moving, as_Add=False)
-        coefficients[product] = coefficients.get(product, 0) + coefficient
+        listed.setdefault(product, []).append(coefficient)
+    coefficients = {product: sympy.Add(*parts) for product, parts in listed.items()}
     return {product: value for product, value in coefficients.items() if value != 0}
 
 
@@ -333,6 +335,7 @@ def _side(row: EquationRow, product: Any, difference: Difference) -> tuple[str, 
 
 def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
     """Return the values of each expression at the samples, or None if one of them has no value."""
+    check_budget()
     try:
         program = tape(expressions, statement)
         columns = [values_at(program, sample) for sample in samples]
