@@ -199,7 +199,7 @@ class Line:
         cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
         kinds = [word.kind for word in run[:cut]]
         begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
-        if _SIGNS.match(self.text[begin:end].lstrip()):
+        if self.text[begin:end].lstrip().startswith(("=", "+", "*", "/", "^")):
             begin = self.begin
         while end > begin and self.text[end - 1] in _PUNCTUATION:
             end -= 1

@@ -191,6 +191,8 @@ REMARKS |= {
 """Answers with words that are set apart."""
 
 DEFINED = {
+    r"\text{Therefore } \ddot x = -k x": "x_ddot = -k*x",
+    "so -k x = m x''": "-k*x = m*x_ddot",
     "x'' = -ω0² x\nω0² = c_1/m\nc_1 = k": "x_ddot = -omega0**2*x",
     r"\ddot x = -\omega_c x, \omega_c = \frac{k}{m}": "x_ddot = -omega_c*x",
     "m x'' plus k x minus g over l = 0": "m*x_ddot + k*x - g/l = 0",
