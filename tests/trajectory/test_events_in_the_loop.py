@@ -21,8 +21,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import Occurrences
-from lagrange.trajectory.events.series_watch import Watch
-from lagrange.trajectory.events.shared_watch import PlannedStep, SharedWatch
+from lagrange.trajectory.events.series_watch import PlannedStep, Watch
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run
@@ -63,17 +62,17 @@ def random_events(chance: np.random.Generator) -> list[Any]:
 
 def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the loop come back for everything that is watched, and find the sides at the start here as well."""
-    write = SharedWatch.write
+    write = Watch.write
 
     def begun(self: Watch, state: DriverState) -> EventResult:
         self.state, self.planned = state, PlannedStep()
         return self._begin(state)
 
-    def disabled(self: SharedWatch, state: DriverState) -> None:
+    def disabled(self: Watch, state: DriverState) -> None:
         write(self, state)
         self.leave_all_to_the_watch()
 
-    monkeypatch.setattr(SharedWatch, "write", disabled)
+    monkeypatch.setattr(Watch, "write", disabled)
     monkeypatch.setattr(Watch, "begin", begun)
 
 
@@ -187,13 +186,13 @@ def test_random_switches(seed: int, target: str, monkeypatch: pytest.MonkeyPatch
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return a list to which each time is added at which Python is asked."""
     calls: list[float] = []
-    read = SharedWatch.read
+    read = Watch.read
 
-    def noted(self: SharedWatch, state: DriverState) -> None:
+    def noted(self: Watch, state: DriverState) -> None:
         calls.append(state.t)
         read(self, state)
 
-    monkeypatch.setattr(SharedWatch, "read", noted)
+    monkeypatch.setattr(Watch, "read", noted)
     return calls
 
 

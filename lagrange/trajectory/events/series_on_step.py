@@ -9,29 +9,20 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from lagrange.algorithm.events.constants import NOISE
+from lagrange.algorithm.events.constants import EPSILON, JUMP, NOISE
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.algorithm.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
+from lagrange.algorithm.taylor import event_series
+from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.defect_test import MOST_HALVINGS
+from lagrange.algorithm.taylor.events_on_step import MOST_BALANCING
 from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.printed_run import called
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.trajectory import FloatArray
 
-SLACK = 64.0
-"""Allowed last terms of an event function's series, in tolerances of the state's: it is a sum of products."""
-
-JUMP = 1e-4
-"""Value of an event function, relative to its largest term, above which it is not zero."""
-
 ZERO_ROUND_OFF = 64 * 2.0**-52
 """Value of an event function, relative to the sum of its terms, below which it is zero together with another."""
-
-BALANCE = 256.0
-"""Largest ratio of the quadratic and higher terms to the others at the end of a step without a limit on its length.
-
-The roots lose two digits to it, and a run of any length takes a few steps more.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +55,8 @@ class EventSeries:
             moved = watched[0]
         with np.errstate(all="ignore"):
             noise = np.abs(moved - watched[0]) * (NOISE / RELATIVE_PERTURBATION)
-        return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
+        noise, unit = np.where(noise < math.inf, noise, 0.0), event_series.comparable_unit(t, scale)
+        return cls(scale, unit, rtol, rows, watched, noise)
 
     def trusted(self, s: float, *, hides_growth: bool = False) -> tuple[float, int]:
         """Return the length, up to s, on which the series of all event functions are accurate, and the limiting one.
@@ -72,13 +64,17 @@ class EventSeries:
         The series of the state allow s. The series of an expression such as log(x) may end earlier. If the series
         `hides_growth`, the length is at most half of the radius of convergence that its terms show.
         """
-        far = reach(self.watched, s, self.rtol, self.noise)
+        far, columns = reach(self.watched, s, self.rtol, self.noise), _columns(self.watched)
         if hides_growth:
-            with np.errstate(all="ignore"):
-                far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + RADIUS_FRACTION))
-        least = int(np.argmin(far))
-        s = min(s, float(far[least]))
-        return (self._balanced(s) if self.ends else s), least
+            safe_step = called(event_series.safe_step.form())
+            far = [min(x, safe_step(c, len(c))) for x, c in zip(far, columns, strict=True)]
+        least = far.index(min(far))
+        s, halvings, is_balanced = min(s, far[least]), 0, called(event_series.is_balanced.form())
+        for c in columns if self.ends else ():
+            # The series do not limit the step: shorten it until high powers do not hide the others by rounding.
+            while halvings < MOST_BALANCING and not is_balanced(c, len(c), s):
+                s, halvings = s / 2, halvings + 1
+        return s, least
 
     def verified(
         self, s: float, limiting: int, series: Series, t: float, y: FloatArray, values: FloatArray
@@ -103,17 +99,6 @@ class EventSeries:
             s, limiting = s / 2, int(np.argmax(wrong))
         return s, limiting
 
-    def _balanced(self, s: float) -> float:
-        """Shorten a step without a limit on its length until the high powers do not hide the others by rounding."""
-        sizes, ranks = np.abs(self.watched), _ranks(len(self.watched) - 1)
-        for _ in range(200):
-            terms = sizes * (s**ranks)[:, None]
-            low, high = terms[:2].max(axis=0), terms[2:].max(axis=0)
-            if not ((low > 0) & (high > BALANCE * low)).any():
-                break
-            s /= 2
-        return s
-
     @cached_property
     def near(self) -> FloatArray:
         """The series of event functions in a unit of time that makes their terms comparable, by the function `near`."""
@@ -121,10 +106,10 @@ class EventSeries:
 
     def jumps(self, s: float, zero_sides: Sequence[Side]) -> list[int]:
         """Return the event functions that changed sign since the last step without a zero, as an angle at its cut."""
-        largest = (np.abs(self.watched) * (s ** _ranks(len(self.watched) - 1))[:, None]).max(axis=0)
-        here = self.watched[0]
-        changed = np.array([side.sign for side in zero_sides]) * here < 0
-        return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
+        largest_term = called(event_series.largest_term.form())
+        pairs = zip(_columns(self.watched), zero_sides, strict=True)
+        changed = [(i, c) for i, (c, side) in enumerate(pairs) if side.sign * c[0] < 0]
+        return [i for i, c in changed if abs(c[0]) > JUMP * largest_term(c, len(c), s)]
 
     def is_zero_at(self, which: int, s: float) -> bool:
         """Return True if event function `which` is zero at time s on the step, up to its noise and rounding."""
@@ -145,40 +130,36 @@ class EventSeries:
         """Return a mask (E,) of event functions whose series misses their values `there` (E,) at time s."""
         with np.errstate(all="ignore"):
             terms = self.watched * (s ** _ranks(len(self.watched) - 1))[:, None]
-            allowed = SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
+            allowed = EVENT_SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
             return np.asarray(~(np.abs(terms.sum(axis=0) - there) <= allowed))
 
 
-def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
-    """Return the times (k,), at most s, up to which the columns of a series (order + 1, k) are accurate or noise."""
-    order = len(series) - 1
-    sizes, ranks, tolerance = np.abs(series), _ranks(order)[:, None], SLACK * max(rtol, 2.0**-52)
-    far: FloatArray = np.full(series.shape[1], s)
-    for _ in range(60):
-        with np.errstate(all="ignore"):
-            terms = sizes * far**ranks
-            ratios = terms[-2:].max(axis=0) / (tolerance * terms[: order // 2 + 1].max(axis=0) + noise)
-            # A zero series has no limit. Where a term overflows, the step is much too long.
-            ratios = np.where(sizes[-2:].any(axis=0), np.where(ratios >= 0, ratios, math.inf), 0.0)
-            if not (ratios > 1).any():
-                break
-            far = np.where(ratios > 1, far * np.clip(ratios ** (-1 / order), 0.05, 0.9), far)
-    return far
+def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
+    """Return the times, at most s, up to which the columns of a series (order + 1, k) are accurate or noise (k,)."""
+    tolerance, run = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form())
+    return [run(c, len(c), s, tolerance, x) for c, x in zip(_columns(series), noise.tolist(), strict=True)]
 
 
-def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
+def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
     """Return the columns of a series scaled to the unit of time, or to its range if shorter, to compare their terms."""
     with np.errstate(all="ignore"):
-        return np.asarray(series * reach(series, unit, rtol, noise) ** _ranks(len(series) - 1)[:, None])
+        return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
 
 
-def unit(t: float, scale: float) -> float:
-    """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
+def leaving(g: FloatArray, margin: float = math.inf) -> tuple[int, int]:
+    """Return the sign of a function with the series g right after a start at zero, and the order of its leading term.
 
-    The scale of a polynomial motion has no meaning. Times below some spacings of floating-point times cannot be
-    distinguished, and the threshold of `leaving` has to stay below that.
+    The terms are those of `near`. If g stays zero, the sign is 0 and the order -1. If g is not zero at its start, up to
+    rounding and the `margin`, the result is its sign there and the order 0.
     """
-    return max(min(1.0, abs(t / scale) / 64), 2.0**-40) if t else 1.0
+    start = called(event_series.start_of_series.form())
+    sign, order = start(np.ascontiguousarray(g), len(g), 1.0, 0.0, math.inf, margin)
+    return sign, order
+
+
+def _columns(series: FloatArray) -> list[FloatArray]:
+    """Return the columns of a series (order + 1, k) as arrays of their own."""
+    return list(np.ascontiguousarray(series.T))
 
 
 @lru_cache(maxsize=64)
@@ -200,17 +181,3 @@ def state_at(y: FloatArray, rows: FloatArray, s: float) -> FloatArray:
     for row in rows[:0:-1, : len(y)]:
         total = (total + row) * s
     return y + total
-
-
-def shown_radius(sizes: FloatArray) -> FloatArray:
-    """Return the binary logarithm of the radius of convergence that the last rows show, infinity if they are zero.
-
-    `sizes` are the binary logarithms of the coefficients, rows first, minus infinity for zero.
-    """
-    last = len(sizes) - 1
-    found = []
-    for late in (last - 1, last):
-        early = max(late - ROW_DISTANCE, 1)
-        fall = sizes[early] - sizes[late]
-        found.append(np.where(np.isfinite(fall), fall / (late - early), math.inf))
-    return np.asarray(np.maximum(*found))

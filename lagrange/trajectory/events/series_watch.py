@@ -7,15 +7,16 @@ state is reset, or the equations continue with the other side of a surface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lagrange.algorithm.events.constants import TOGETHER
 from lagrange.algorithm.taylor.constants import MOST_FAILURES
+from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
-from lagrange.machine.event_memory import EventMemory
+from lagrange.machine.event_memory import EventMemory, Reaction
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (
@@ -27,16 +28,14 @@ from lagrange.trajectory.events.end_messages import (
     undefined,
     without_series,
 )
-from lagrange.trajectory.events.event_log import Occurrence
-from lagrange.trajectory.events.motion_start import SeriesStart
-from lagrange.trajectory.events.series_on_step import EventSeries, signed_scale, state_at
-from lagrange.trajectory.events.shared_watch import PlannedStep
+from lagrange.trajectory.events.event_log import ChangeCounter, EventLog, Occurrence
+from lagrange.trajectory.events.motion_start import sides_behind
+from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale, state_at
 from lagrange.trajectory.events.surfaces import (
     SHARE,
     Continuations,
     Sliding,
     clear,
-    leaving,
     settled_sides,
     stated_sides,
 )
@@ -52,8 +51,24 @@ Steps of two lengths locate the same zero at slightly different times.
 """
 
 
-class Watch(SeriesStart):
-    """Watches the surfaces and the events along a run; indices count surfaces first, then events."""
+@dataclass(frozen=True)
+class PlannedStep:
+    """The number of the next step of a run, with the sides and the occurrences before it, in case it is taken back."""
+
+    steps: int = 0
+    zero_sides: tuple[Side, ...] = ()
+    starting: frozenset[int] = frozenset()
+    counts: tuple[int, ...] = ()
+
+
+class Watch(EventLog):
+    """Watches the surfaces and the events along a run; indices count surfaces first, then events.
+
+    The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop
+    over steps: that of a former run by the driver with the same parameters, or None. `zero_sides` are the sides before
+    the next step, `starting` has the functions that are zero there, and `pending` the events at the present state.
+    `planned` is the state of these before the step that the watch has planned.
+    """
 
     def __init__(
         self,
@@ -66,8 +81,36 @@ class Watch(SeriesStart):
         continuations: Continuations,
         memory: EventMemory | None = None,
     ) -> None:
-        super().__init__(series, order, driver, parameters, impacts, names, memory)
-        self.continuations = continuations
+        super().__init__(len(impacts), series.program.states)
+        self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
+        self.series, self.order, self.driver, self.names, self.continuations = (
+            series,
+            order,
+            driver,
+            names,
+            continuations,
+        )
+        self.impacts, self.surfaces = tuple(impacts), series.program.sides
+        self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
+        self.starting: frozenset[int] = frozenset()
+        self.pending: list[EventZero] = []
+        self.planned = PlannedStep()
+        self.change_counter = ChangeCounter()
+        self.parameters, self.sides = parameters, np.zeros(self.surfaces)
+        self.epochs: list[tuple[int, FloatArray]] = []
+        self._values: dict[int, FloatArray] = {}
+        self._last: tuple[object, EventSeries] | None = None
+        if memory is None:
+            memory = self._made(series, parameters)
+            memory.record.hides_growth, memory.record.steep = int(self.hides_growth), int(self.steep)
+            memory.record.checked = int(any(one.constrained for one in self.impacts))
+            driver.watch(memory)
+            memory.keep_start()
+        else:
+            memory.restart()
+            if self.surfaces:
+                driver.use(np.concatenate([parameters, np.full(self.surfaces, np.nan)]))
+        self.memory = memory
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin a run or a new motion: without surfaces the loop finds the sides, else this method."""
@@ -326,3 +369,209 @@ class Watch(SeriesStart):
         self.starting |= choices.keys()
         self.go_on(state)
         return EventResult()
+
+    def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
+        """Find the side of every surface and event at the state, or right after it.
+
+        `stayed` are the events that occurred here, with a size up to which, times 4, they count as zero. `before` is
+        the series before a reset, or None.
+        """
+        self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
+        try:
+            look = self.ahead(state)
+            noise = look.noise.copy()
+            for which, size in stayed.items():
+                noise[which] = max(noise[which], 4 * size)
+            if self.surfaces:
+                g = self.at(state)(self.sides)
+                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if leaving(g[:, i], float(noise[i]))[1] != 0}
+                self.sides = settled_sides(self.at(state), self.sides, unsettled) if unsettled else self.sides
+                look = self.ahead(state)
+        except Sliding as found:
+            return sliding(self.names()[found.surface], state.t)
+        except SingularMassMatrix:
+            return EventResult(Status.SINGULAR)
+        if not np.isfinite(look.watched).all():
+            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
+            return undefined(self.names(), look.watched)
+        self.go_on(state)
+        known = self._known(before, look, stayed)
+        starts = [leaving(g, margin) for g, margin in zip(look.near.T, noise.tolist(), strict=True)]
+        self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in known and order != 0)
+        for i, (sign, _) in enumerate(starts):
+            self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else known.get(i, Side(sign))
+        return EventResult()
+
+    def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
+        """Return the sides that events keep over a reset; events in `happened` have an open side."""
+        if before is None:
+            return {}
+        own = slice(self.surfaces, None)
+        change, there = (before.watched[0, own], look.watched[0, own]), [i - self.surfaces for i in happened]
+        kept = sides_behind(self.zero_sides[own], self.impacts, change, before.noise[own], there)
+        return {i: side for i, side in enumerate(kept, self.surfaces) if side.sign}
+
+    def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
+        """Return the series of the surfaces at the state as a function of their sides."""
+        size, scale = len(state.y), signed_scale(state)
+
+        def surfaces(sides: FloatArray) -> FloatArray:
+            values = np.concatenate([self.parameters, sides])
+            rows = self.series.rows(self.order, state.t, state.y, scale, values)
+            g, unit = rows[:, size : size + self.surfaces], comparable_unit(state.t, scale)
+            return near(g, unit, float(state.reals[S.RTOL]), np.zeros(self.surfaces))
+
+        return surfaces
+
+    def go_on(self, state: DriverState) -> None:
+        """Pass the present sides to the driver, and request an inspection of its next step."""
+        values = self.values
+        if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
+            self.driver.use(values)
+            self.epochs.append((state.count(S.STEPS) + self.jumps, values))
+        state.taylor.inspect = 1
+
+    def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
+        """Return contacts that act at the start of the motion, without those in `happened`, by rules of `sides_behind`.
+
+        An example is a ball that starts on the floor and falls: it has to bounce.
+        """
+        found = []
+        for place, impact in enumerate(self.impacts):
+            which = self.surfaces + place
+            turns = impact.reset and impact.direction == self.zero_sides[which].sign != 0
+            if which in self.starting and which not in happened and turns:
+                y = state.y.copy()
+                impact.apply(state.t, state.y, self.parameters, y)
+                g = self.ahead(state, y).near[:, which]
+                passes = leaving(g, 0.0) == (impact.direction, 1)
+                found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
+        return found
+
+    def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
+        """Return the series at the state, or at y, with the present sides; the last result is cached."""
+        values, scale = self.values, signed_scale(state)
+        y = state.y if y is None else y
+        key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
+        if self._last is None or self._last[0] != key:
+            self._last = key, EventSeries.at(self.series, self.order, state.t, y, scale, values, rtol)
+        return self._last[1]
+
+    def _made(self, series: Series, parameters: FloatArray) -> EventMemory:
+        """Return new memory for the loop."""
+        reactions = [
+            Reaction(one.direction, one.terminal, one.first, one.rows, one.root, one.smooth) for one in self.impacts
+        ]
+        resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
+        return EventMemory(series.program.states, self.surfaces, reactions, series.values, resets, parameters)
+
+    @property
+    def values(self) -> FloatArray:
+        """The parameters, then the sides."""
+        return np.concatenate([self.parameters, self.sides])
+
+    @property
+    def jumps(self) -> int:
+        """The number of jumps of the state."""
+        return int(self.memory.record.jumps)
+
+    def jump(self) -> None:
+        """Count a jump of the state."""
+        self.memory.record.jumps += 1
+
+    def impact_of(self, zero: EventZero) -> Impact:
+        """Return the event to which a zero belongs."""
+        return self.impacts[zero.which - self.surfaces]
+
+    def is_root(self, which: int) -> bool:
+        """Return True if function `which` is a square root in the equations of motion."""
+        return which >= self.surfaces and self.impacts[which - self.surfaces].root
+
+    def remember(self, state: DriverState) -> None:
+        """Save sides and counts before a step, since the driver may reject it."""
+        counts = tuple(map(len, self.occurrences))
+        self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.zero_sides), self.starting, counts)
+
+    def forget(self) -> None:
+        """Restore sides and counts after the driver rejected the planned step."""
+        self.pending, self.zero_sides, self.starting = [], list(self.planned.zero_sides), self.planned.starting
+        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
+            found.cut(count)
+        self.planned = PlannedStep()
+
+    def read(self, state: DriverState) -> None:
+        """Read events, sides and pending events from the loop."""
+        self.read_events(state)
+        self.read_sides(state)
+
+    def read_events(self, state: DriverState) -> None:
+        """Read the occurrences of events, and the crossings of surfaces, from the loop."""
+        memory = self.memory
+        if memory.record.done:
+            # Ctrl-C may come anywhere here; the mark prevents that occurrences are added twice.
+            steps, mark = state.count(DriverState.STEPS), memory.mark
+            for found, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
+                state.kept += times.nbytes + states.nbytes
+                found.extend(times, states, steps, mark)
+            memory.forget()
+        if memory.record.switches:
+            switched = memory.switched()
+            for combination in dict.fromkeys(which for _, which in switched):
+                if combination not in self._values:
+                    self._values[combination] = np.concatenate([self.parameters, memory.sides_of(combination)])
+            self.epochs += [(row, self._values[combination]) for row, combination in switched]
+            self.sides = memory.sides_of(switched[-1][1])
+
+    @property
+    def is_pending(self) -> bool:
+        """True if an event is pending at the present state."""
+        return bool(self.pending) or self.memory.record.due != 0
+
+    def read_sides(self, state: DriverState) -> None:
+        """Read the sides and the pending event from the loop."""
+        memory, record = self.memory, self.memory.record
+        signs, nears = memory.signs.tolist(), memory.nears.tolist()
+        self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
+        self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
+        if record.due:
+            self.pending = [EventZero(record.due - 1, Root(0.0, record.direction))]
+            self.planned = PlannedStep(state.count(DriverState.STEPS))
+            record.due = 0
+        if record.changed != self.change_counter.last:
+            self.change_counter.begin(record.changed, record.changed_at)
+
+    def write(self, state: DriverState) -> None:
+        """Write the sides for the loop, which is disabled while an event is pending."""
+        memory, record, planned = self.memory, self.memory.record, self.planned
+        record.unproven = int(planned.steps > state.count(DriverState.STEPS))
+        if record.unproven:
+            self._put(planned.zero_sides, planned.starting)
+            memory.keep()
+        self._put(self.zero_sides, self.starting)
+        record.fresh = 0
+        record.planned, record.changed = planned.steps, self.change_counter.last
+        record.enabled = int(not self.pending)
+
+    @property
+    def unbegun(self) -> bool:
+        """True if the loop has not yet found the sides at the start of the motion."""
+        return bool(self.memory.record.fresh)
+
+    def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
+        """Let the loop find the sides at the start of a motion; `first` is True at the start of the run."""
+        if first:
+            self.epochs.append((0, self.values))
+        else:
+            self.write(state)
+        self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
+
+    def leave_all_to_the_watch(self) -> None:
+        """Disable the loop: it returns before each step on which a function may vanish."""
+        self.memory.record.enabled = 0
+
+    def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:
+        memory = self.memory
+        memory.signs[:] = [side.sign for side in zero_sides]
+        memory.nears[:] = [side.near for side in zero_sides]
+        memory.starting[:] = [place in starting for place in range(memory.count)]
+        memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]

@@ -19,17 +19,15 @@ from itertools import islice, product
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.events.constants import JUMP
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
-from lagrange.trajectory.events.series_on_step import JUMP
+from lagrange.trajectory.events.series_on_step import leaving
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
-
-DOUBT = 64 * 2.0**-52
-"""Coefficient of g, relative to the sum of all, below which it counts as zero."""
 
 MOST_TRIALS = 3**8
 """Largest number of choices of sides that are tried where surfaces meet: all of them for up to eight surfaces."""
@@ -101,22 +99,6 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 def clear(g: FloatArray) -> NDArray[np.bool_]:
     """Return a mask of the functions with series g, (order + 1, ...), that are clearly not zero at their start."""
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
-
-
-def is_zero(g: FloatArray, noise: float = 0.0) -> bool:
-    """Return True if a function with the series g is zero at its start, up to rounding and `noise`."""
-    rest = float(np.abs(g[1:]).sum())
-    return bool(abs(g[0]) <= noise + (DOUBT * rest if rest < math.inf else 0.0))
-
-
-def leaving(g: FloatArray) -> tuple[int, int]:
-    """Return the sign of g right after a start at zero, and the order of its leading term; (0, 0) if g stays zero."""
-    sizes = np.abs(g[1:])
-    beyond = sizes > DOUBT * sizes.sum()
-    if not beyond.any():
-        return 0, 0
-    first = int(np.argmax(beyond))
-    return int(math.copysign(1.0, g[1 + first])), 1 + first
 
 
 SHARE = 1e-6
