@@ -191,11 +191,11 @@ class StepPlan:
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output of the method, separately for each smooth piece between two resets."""
-        if watch is None:
-            return self.path_of(problem, times, states)
-        known = watch.path_of.known
+        known = None if watch is None else watch.memory.dense
         path = self.path_of(problem, times, states) if known is None else replace(known, times=times, states=states)
-        return MotionsPath(times, states, watch.breaks.since(0), path) if len(watch.breaks) else path
+        return (
+            MotionsPath(times, states, watch.breaks.since(0), path) if watch is not None and len(watch.breaks) else path
+        )
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the state (2n,) after the failed step, taken again in Python, explicitly if it is implicit."""

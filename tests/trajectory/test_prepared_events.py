@@ -118,7 +118,7 @@ def test_a_second_watched_run_makes_no_driver(
     first = run(compiled, 3.0, name, initial={x: 1.0}, **options)
     plan = list(compiled.prepared.values())[-1].plan
     monkeypatch.setattr(type(plan), "driver", None)
-    for made in ("shared_watch.EventMemory", "event_loop.WatchedEvents.of"):
+    for made in ("series_watch.EventMemory", "event_loop.WatchedEvents.of"):
         monkeypatch.setattr(f"lagrange.trajectory.events.{made}", None)
     assert same_events(run(compiled, 3.0, name, initial={x: 1.0}, **options), first)
 

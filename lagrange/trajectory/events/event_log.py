@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +23,6 @@ SAME_INTERVAL, MOST_SAME = 0.999, 8
 """Ratio of an interval between resets to the shortest before, from which it no longer shrinks; most of them."""
 
 
-@dataclass(frozen=True)
-class Occurrence:
-    """An occurrence of an event: time, state (2n,), and the number of accepted steps from which on it counts."""
-
-    t: float
-    y: FloatArray
-    steps: int
-
-
 class Occurrences:
     """The occurrences of one event in order, for states of a `size`, stored singly and as arrays."""
 
@@ -43,9 +33,9 @@ class Occurrences:
     def __len__(self) -> int:
         return self._count
 
-    def append(self, one: Occurrence) -> None:
-        """Add an occurrence."""
-        self.extend(np.array([one.t]), one.y[None], one.steps)
+    def append(self, t: float, y: FloatArray, steps: int) -> None:
+        """Add an occurrence at a time and a state (2n,) that counts once `steps` steps are accepted."""
+        self.extend(np.array([t]), y[None], steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
         """Add occurrences, times (k,) and states (k, 2n), that count once `steps` steps are accepted.
@@ -135,18 +125,39 @@ class EventLog:
                     return zero
         return None
 
+    def occur(self, places: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
+        """Add occurrences of the events at some indices at the state; return True if one of them ends the run."""
+        for i in places:
+            self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
+        return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in places)
+
+    def keep(self, which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int) -> None:
+        """Add occurrences of the events `which` (k,); `steps` accepted steps are needed for them to count.
+
+        `when` (k,) are the times in order, and `there` (k, 2n) the states.
+        """
+        if len(self.occurrences) == 1:
+            self.occurrences[0].extend(when, there, steps)
+        elif len(which):
+            order = np.argsort(which, kind="stable")
+            when, there = when[order], there[order]
+            ends = np.cumsum(np.bincount(which, minlength=len(self.occurrences))).tolist()
+            for zeros, begin, end in zip(self.occurrences, [0, *ends], ends, strict=False):
+                zeros.extend(when[begin:end], there[begin:end], steps)
+
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
         """The times of each event, (k,), up to the last accepted step."""
-        return tuple(occurrences.until(self._steps)[0] for occurrences in self.occurrences)
+        return tuple(occurrences.until(self.steps)[0] for occurrences in self.occurrences)
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
         """The states at each event, (k, 2n)."""
-        return tuple(occurrences.until(self._steps)[1] for occurrences in self.occurrences)
+        return tuple(occurrences.until(self.steps)[1] for occurrences in self.occurrences)
 
     @property
-    def _steps(self) -> int:
+    def steps(self) -> int:
+        """Number of accepted steps of the run."""
         return 0 if self.state is None else self.state.count(DriverState.STEPS)
 
 

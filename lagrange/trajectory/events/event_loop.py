@@ -6,17 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
-from lagrange.machine.backend import DensePath, Driver, Kernel
+from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.step_events import EventSteps, Reaction, StepEventMemory
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
-from lagrange.trajectory.events.event_log import Breaks, Occurrences
+from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
 from lagrange.trajectory.events.step_batch import Path, PathOf
 from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.integrator import Problem
@@ -35,22 +34,6 @@ ENOUGH = 16
 
 CHANGE_STEPS = 8
 """Cost of a reset on arrays, in steps."""
-
-
-class KnownPath:
-    """Function that returns the dense output through accepted states; its code is compiled once, or `known` before."""
-
-    def __init__(self, path_of: PathOf, known: StepPath | None = None) -> None:
-        self._path_of = path_of
-        self.known = known
-
-    def __call__(self, times: FloatArray, states: FloatArray) -> Path:
-        """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
-        if self.known is not None:
-            return replace(self.known, times=times, states=states)
-        path = self._path_of(times, states)
-        self.known = path if isinstance(path, StepPath) else None
-        return path
 
 
 def inertia_stays(equations: Equations) -> bool:
@@ -90,34 +73,32 @@ class WatchedEvents:
         """The size of the memory of the loop in bytes."""
         return self.memory.nbytes
 
+    def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> Path:
+        """Return the path through accepted times (S+1,) and states (S+1, 2n); its code is compiled once."""
+        if self.dense is not None:
+            return replace(self.dense, times=times, states=states)
+        path = path_of(times, states)
+        self.dense = path if isinstance(path, StepPath) else None
+        return path
 
-class EventLoop:
-    """Compiles the loop for long runs, and holds the memory that the loop shares with a watch."""
+    def compiled(
+        self, problem: Problem, driver: Driver, t: float, steps: int, changes: int, *, fixed: bool
+    ) -> EventSteps | None:
+        """Return the loop, or None if the machine has none or the run seems short by its steps and resets up to t.
 
-    def __init__(self, problem: Problem, watched: WatchedEvents, *, fixed: bool) -> None:
-        self._problem, self._watched, self._fixed = problem, watched, fixed
-        self._impacts, self.memory = watched.impacts, watched.memory
-        self._possible = True
-
-    def compiled(self, driver: Driver, path_of: KnownPath, t: float, steps: int, changes: int) -> EventSteps | None:
-        """Return the loop, or None if the machine has none or the run seems short by its steps and resets up to t."""
-        problem, work = self._problem, steps + CHANGE_STEPS * changes
-        covered, span = abs(t - problem.t0), abs(problem.t1 - problem.t0)
-        if not self._possible or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
+        With error control the cubic through both ends of a step serves as a first test.
+        """
+        work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)
+        if self.dense is None or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
             return None
-        self._possible = False
-        if self._watched.steps is None and path_of.known is not None:
-            self._watched.steps = self._made(driver, path_of.known.dense)
-        return self._watched.steps
-
-    def _made(self, driver: Driver, dense: DensePath) -> EventSteps | None:
-        """Return the loop; with error control the cubic through both ends of a step serves as a first test."""
-        model, parameters = self._problem.model, self._problem.parameter_array
-        cubic = hermite_polynomial(3)
-        screened = not self._fixed and dense.degree > cubic.degree
-        screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
-        resets = next((one.kernel.program for one in self._impacts if one.kernel is not None), None)
-        return model.machine.event_steps(driver, self._watched.kernel.program, resets, parameters, dense, screen)
+        if self.steps is None:
+            model, parameters, dense = problem.model, problem.parameter_array, self.dense.dense
+            cubic = hermite_polynomial(3)
+            screened = not fixed and dense.degree > cubic.degree
+            screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
+            resets = next((one.kernel.program for one in self.impacts if one.kernel is not None), None)
+            self.steps = model.machine.event_steps(driver, self.kernel.program, resets, parameters, dense, screen)
+        return self.steps
 
     def write(
         self,
@@ -131,7 +112,7 @@ class EventLoop:
         At the start of a motion `stayed` are the sizes of event functions that are zero there, and `zeros` the
         directions in which they came to zero.
         """
-        memory, impacts = self.memory, self._impacts
+        memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]
         memory.near[:] = [side.near for side in zero_sides]
         memory.until_end[:] = [
@@ -143,15 +124,15 @@ class EventLoop:
         unmet = [UNKNOWN if one.reset else ANYHOW for one in impacts]
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
-    def collect(self, occurrences: Sequence[Occurrences], breaks: Breaks, steps: int) -> None:
+    def collect(self, log: EventLog, breaks: Breaks) -> None:
         """Read events and resets from the loop. Events on steps not yet reviewed count once these are accepted."""
         memory = self.memory
         waits, proven, found = memory.waits, memory.run.proven, memory.happened()
         if waits:
-            _keep(occurrences, found.which[:proven], found.when[:proven], found.there[:proven], memory.taken)
-            _keep(occurrences, found.which[proven:], found.when[proven:], found.there[proven:], memory.reviewed)
+            log.keep(found.which[:proven], found.when[:proven], found.there[:proven], memory.taken)
+            log.keep(found.which[proven:], found.when[proven:], found.there[proven:], memory.reviewed)
         else:
-            _keep(occurrences, found.which, found.when, found.there, steps)
+            log.keep(found.which, found.when, found.there, log.steps)
         breaks.extend(found.rows, found.times, found.states)
 
     @property
@@ -165,20 +146,3 @@ class EventLoop:
         """The directions, by event, in which events came to zero at the start of the motion."""
         came = self.memory.came.tolist()
         return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}
-
-
-def _keep(
-    occurrences: Sequence[Occurrences], which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int
-) -> None:
-    """Append zeros to the occurrences of their events; `steps` accepted steps are needed for them to count.
-
-    `which` (k,) are the events, `when` (k,) the times in order, and `there` (k, 2n) the states.
-    """
-    if len(occurrences) == 1:
-        occurrences[0].extend(when, there, steps)
-    elif len(which):
-        order = np.argsort(which, kind="stable")
-        when, there = when[order], there[order]
-        ends = np.cumsum(np.bincount(which, minlength=len(occurrences))).tolist()
-        for zeros, begin, end in zip(occurrences, [0, *ends], ends, strict=False):
-            zeros.extend(when[begin:end], there[begin:end], steps)

@@ -14,9 +14,10 @@ import numpy as np
 
 from lagrange.algorithm.events.constants import TOGETHER
 from lagrange.algorithm.taylor.constants import MOST_FAILURES
-from lagrange.algorithm.taylor.event_series import comparable_unit
+from lagrange.algorithm.taylor.event_series import comparable_unit, keeps_sign
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory, Reaction
+from lagrange.machine.printed_run import called
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (
@@ -28,7 +29,7 @@ from lagrange.trajectory.events.end_messages import (
     undefined,
     without_series,
 )
-from lagrange.trajectory.events.event_log import ChangeCounter, EventLog, Occurrence
+from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import sides_behind
 from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale, state_at
 from lagrange.trajectory.events.surfaces import (
@@ -39,7 +40,7 @@ from lagrange.trajectory.events.surfaces import (
     settled_sides,
     stated_sides,
 )
-from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side, may_vanish, roots
+from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side, roots
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
@@ -229,14 +230,15 @@ class Watch(EventLog):
     def _roots(self, look: EventSeries, s: float, *, last: bool) -> tuple[list[EventZero], list[Side]]:
         """Return the roots of all surfaces and events on a step, in order, and the sides at its end."""
         found: list[EventZero] = []
-        after = []
+        after, is_clear = [], called(keeps_sign.form())
         for which, before in enumerate(self.zero_sides):
             g, noise = look.watched[:, which], float(look.noise[which])
+            zeros, side = list[Root](), before
             if which in self.starting:
                 # A function that starts at zero is divided by time: this removes the known root.
-                g, noise = g[1:], 0.0
-            surely = before.settled and before.sign * g[0] > 0 and not may_vanish(g, s, noise=noise)
-            zeros, side = ([], before) if surely else roots(g, s, before, noise=noise, last=last)
+                zeros, side = roots(g[1:], s, before, last=last)
+            elif not (before.settled and is_clear(g, len(g), s, noise, float(before.sign))):
+                zeros, side = roots(g, s, before, noise=noise, last=last)
             found += [EventZero(which, root) for root in zeros]
             after.append(side)
         return sorted(found, key=lambda m: m.root.time), after
@@ -277,7 +279,7 @@ class Watch(EventLog):
             if place >= 0 and self.impacts[place].counts(meeting.root.rising):
                 t = float(state.t + state.taylor.low + meeting.root.time * look.scale)
                 y = state_at(state.y, look.rows, meeting.root.time)
-                self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
+                self.occurrences[place].append(t, y, state.count(S.STEPS) + 1)
 
     def _finish(self, state: DriverState) -> EventResult:
         """Apply the pending zeros: cross surfaces, record events, reset the state or end the run."""
@@ -296,10 +298,7 @@ class Watch(EventLog):
         zeros = [m for m in zeros if self.impact_of(m).counts(m.root.rising)]
         roots_met = [m for m in zeros if self.impact_of(m).root]
         zeros = [m for m in zeros if not self.impact_of(m).root]
-        for m in zeros:
-            here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
-            self.occurrences[m.which - self.surfaces].append(here)
-        ends = any(0 < self.impact_of(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in zeros)
+        ends = self.occur([m.which - self.surfaces for m in zeros], self.impacts, state)
         resets = [m for m in zeros if self.impact_of(m).reset]
         if resets:
             return self._jump(resets, found, state, ends=ends)

@@ -31,8 +31,8 @@ from lagrange.trajectory.events.end_messages import (
     unresolved,
     without_value,
 )
-from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, Occurrence, ResetIntervals
-from lagrange.trajectory.events.event_loop import EventLoop, KnownPath, WatchedEvents
+from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, ResetIntervals
+from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.motion_start import (
     SMALL_FRACTION,
     MotionStart,
@@ -232,8 +232,7 @@ class StepWatch(EventLog):
         else:
             memory.memory.restart()
         self.memory, self.kernel, self.impacts = memory, memory.kernel, memory.impacts
-        self.path_of = KnownPath(path_of, memory.dense)
-        self._loop, self.shared = EventLoop(problem, memory, fixed=fixed), memory.memory
+        self.shared, self._path_of, self._fixed = memory.memory, path_of, fixed
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks = Breaks(len(problem.y0))
         self.change_counter = ChangeCounter()
@@ -275,8 +274,7 @@ class StepWatch(EventLog):
         self.state = state
         limit = self.problem.max_wall
         self._deadline = math.inf if limit is None else time.perf_counter() + limit
-        path = self.path_of(np.array([state.t]), state.y[None].copy())
-        self.memory.dense = self.path_of.known
+        path = self.path(np.array([state.t]), state.y[None].copy())
         self.shared.run.final = self.problem.t1
         self.shared.run.both = int(isinstance(path, StepPath) and path.joins)
         return self._defined(state)
@@ -290,10 +288,7 @@ class StepWatch(EventLog):
         if self.change_counter.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
         zeros = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
-        for m in zeros:
-            here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
-            self.occurrences[m.which].append(here)
-        ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in zeros)
+        ends = self.occur([m.which for m in zeros], self.impacts, state)
         resets = [m for m in zeros if self.impacts[m.which].reset]
         result = self._jump(resets, found, state) if resets else EventResult()
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
@@ -311,7 +306,11 @@ class StepWatch(EventLog):
 
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
         """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
-        return self._loop.compiled(driver, self.path_of, t, steps, self.jumps)
+        return self.memory.compiled(self.problem, driver, t, steps, self.jumps, fixed=self._fixed)
+
+    def path(self, times: FloatArray, states: FloatArray) -> Path:
+        """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
+        return self.memory.path(self._path_of, times, states)
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
         """Find the events on the steps `begin` to `end` of times (S+1,) and states (S+1, 2n), on arrays.
@@ -319,7 +318,7 @@ class StepWatch(EventLog):
         Return the first change of the motion, whose events are then pending for `process`, or None. The run had
         `taken` steps before the first.
         """
-        path = self.path_of(times, states)
+        path = self.path(times, states)
         cut = self._ahead(Window(path, begin, end), taken + begin)
         return None if cut is None else replace(cut, steps=cut.steps + begin)
 
@@ -335,7 +334,7 @@ class StepWatch(EventLog):
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
         stayed, zeros = ({}, {}) if begun is None else (begun.stayed, begun.zeros)
-        self._loop.write(self._relay, self.occurrences, stayed, zeros)
+        self.memory.write(self._relay, self.occurrences, stayed, zeros)
 
     def read(self) -> None:
         """Read events, resets and sides from machine code."""
@@ -344,12 +343,12 @@ class StepWatch(EventLog):
         self.collect()
         if run.jumps > self.jumps:
             self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
-            zeros = self._loop.zeros
+            zeros = self.memory.zeros
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
             self._stayed = {i: float(memory.stayed[i]) for i in zeros}
             self._start = MotionStart(stayed=self._stayed, zeros=zeros)
-        self._relay, self._levels = self._loop.sides, {}
+        self._relay, self._levels = self.memory.sides, {}
         self._start = self._start if run.starts else None
         if run.due:
             self._pending, run.due = [EventZero(int(run.due) - 1, Root(0.0, int(run.way)))], 0
@@ -358,7 +357,7 @@ class StepWatch(EventLog):
 
     def collect(self) -> None:
         """Read only the events and resets that machine code has written."""
-        self._loop.collect(self.occurrences, self.breaks, self._steps)
+        self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: Path, taken: int) -> Cut | None:
         """Find the events on the steps of a path, sampled at once; return the first change of the motion, or None."""
@@ -508,7 +507,7 @@ class StepWatch(EventLog):
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
-                self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
+                self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), taken + 1)
 
     def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
         """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""

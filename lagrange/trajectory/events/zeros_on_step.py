@@ -58,21 +58,6 @@ class Side:
         return self.sign != 0 and not self.near
 
 
-def may_vanish(coefficients: FloatArray, h: float, *, noise: float = 0.0) -> bool:
-    """Return False if sum c[k] tau**k is certain to keep the sign of c[0] from tau = 0 to h; takes 1 or 2 microseconds.
-
-    The arguments are those of `roots`, which need not be called for such a step if the side before it is settled: the
-    step has no root then, and the side stays. Coefficients that are not finite may vanish.
-    """
-    first, *rest = coefficients.tolist()
-    length = abs(h)
-    others = 0.0
-    for c in reversed(rest):
-        others = (others + abs(c)) * length
-    # The margins cover rounding and underflow of this sum, and the least noise of `roots`.
-    return not math.inf > abs(first) > 1.001 * (others + noise) + 1e-300
-
-
 Isolate = Callable[..., Any]
 """Compiled procedure of root isolation: `machine.called(procedure.form())`."""
 
