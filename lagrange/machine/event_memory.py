@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,26 +16,11 @@ from lagrange.algorithm.taylor.constants import MOST_SURFACES
 from lagrange.algorithm.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.state import MOST_LANES
+from lagrange.machine.step_events import Reaction
 from lagrange.program.series import SeriesProgram
 
 ROOM = 4096
 """Number of events that are written before the loop returns."""
-
-
-class Reaction(NamedTuple):
-    """Settings of an event function or switching surface; see `lagrange.algorithm.taylor.watching`.
-
-    `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
-    The new values of a reset begin at `first` among the results of all resets, and replace the `entries` of the state.
-    `root` is true for a square root, and `smooth` for an event function without jumps.
-    """
-
-    direction: int = 0
-    terminal: int = 0
-    first: int = 0
-    entries: tuple[int, ...] = ()
-    root: bool = False
-    smooth: bool = False
 
 
 def idle(program: SeriesProgram) -> EventMemory:

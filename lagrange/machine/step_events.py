@@ -21,14 +21,19 @@ ROOM = 2048
 
 
 class Reaction(NamedTuple):
-    """Settings of an event: only zeros in this `direction` count, or all if it is 0.
+    """Settings of an event function or switching surface; see `lagrange.algorithm.taylor.watching`.
 
-    The new values of its reset begin at `first` among the results of all resets, and replace `entries` of the state.
+    `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
+    The new values of a reset begin at `first` among the results of all resets, and replace the `entries` of the state.
+    `root` is true for a square root, and `smooth` for an event function without jumps.
     """
 
     direction: int = 0
+    terminal: int = 0
     first: int = 0
     entries: tuple[int, ...] = ()
+    root: bool = False
+    smooth: bool = False
 
 
 class StepFunction(NamedTuple):

@@ -33,8 +33,9 @@ from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import StateLayout, node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
-from lagrange.machine.event_memory import EventMemory, Reaction
+from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
+from lagrange.machine.step_events import Reaction
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine

@@ -70,7 +70,7 @@ def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def disabled(self: Watch, state: DriverState) -> None:
         write(self, state)
-        self.leave_all_to_the_watch()
+        self.memory.record.enabled = 0
 
     monkeypatch.setattr(Watch, "write", disabled)
     monkeypatch.setattr(Watch, "begin", begun)

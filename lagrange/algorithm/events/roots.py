@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from lagrange.algorithm.events.constants import DEEPEST, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
 from lagrange.algorithm.events.halving import bernstein, halve, sign_of, signs
@@ -156,6 +157,17 @@ def roots(
         else:
             search.report(search.touch(1.0), 0)
     return TOO_MANY if relay.found > room else relay.found, relay.sign, is_near
+
+
+@inline
+def sort_zeros(count: int, times: Any, others: tuple[Any, ...]) -> None:
+    """Sort zeros by time, and `others` of the same length with them; equal times stay in their order."""
+    for i in range(1, count):
+        j = i
+        while j > 0 and times[j] < times[max(j - 1, 0)]:
+            for array in (times, *others):
+                array[j - 1], array[j] = array[j], array[j - 1]
+            j = j - 1
 
 
 @inline

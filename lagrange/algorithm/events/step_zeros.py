@@ -21,7 +21,7 @@ from lagrange.algorithm.events.constants import (
     TOGETHER,
 )
 from lagrange.algorithm.events.resolution import chebyshev, local_polynomial
-from lagrange.algorithm.events.roots import roots
+from lagrange.algorithm.events.roots import roots, sort_zeros
 from lagrange.algorithm.events.step_samples import Lines, Samples, Widths, edge_noise
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import (
@@ -203,7 +203,7 @@ class StepZeros:
                 if e != besides and not is_irregular and self.may_vanish(b, e):
                     is_irregular, count = self.isolate(step, b, e, is_bad, limit, besides >= 0, count)
             if besides < 0 and not is_irregular:
-                self.sort(count)
+                sort_zeros(count, self.times, (self.events, self.directions))
                 kept, change = count, self.first_change(count)
                 if unlikely(change >= 0):
                     # Once more up to the change: an event may be zero there within its noise.
@@ -311,17 +311,6 @@ class StepZeros:
         side = 1 if slope > 0.0 else -1
         self.signs[e], self.nears[e] = side, 0
         return not abs(slope) > noise or side == self.watch.came[e] - 2, noise
-
-    @inline
-    def sort(self, count: int) -> None:
-        """Sort the zeros by time; equal ones stay in their order."""
-        arrays: tuple[Any, ...] = self.times, self.events, self.directions
-        for i in range(1, count):
-            j = i
-            while j > 0 and self.times[j] < self.times[j - 1]:
-                for array in arrays:
-                    array[j - 1], array[j] = array[j], array[j - 1]
-                j = j - 1
 
     @inline
     def first_change(self, count: int) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.polynomial import PADDED
-from lagrange.algorithm.events.roots import roots
+from lagrange.algorithm.events.roots import roots, sort_zeros
 from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
@@ -118,14 +118,7 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
                     end = at + larger(at, MARGIN * s)
                     far = end if changes and end < far else far
             count += more
-    parts: tuple[Any, ...] = zeros.times, zeros.places, zeros.directions
-    # Exchange neighbours until the times rise; equal times keep their order.
-    for i in range(1, count):
-        j = i
-        while j > 0 and zeros.times[j] < zeros.times[max(j - 1, 0)]:
-            for part in parts:
-                part[j - 1], part[j] = part[j], part[j - 1]
-            j -= 1
+    sort_zeros(count, zeros.times, (zeros.places, zeros.directions))
     return count
 
 

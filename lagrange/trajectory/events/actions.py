@@ -14,6 +14,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Kind, Node, reachable
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
+from lagrange.machine.step_events import Reaction
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection
@@ -65,6 +66,11 @@ class Impact:
     def constrained(self) -> bool:
         """True if the state after a reset has to satisfy constraints."""
         return self.reset and self.model is not None and len(self.model.equations.constraints) > 0
+
+    @property
+    def reaction(self) -> Reaction:
+        """The settings of the event in the memory of a compiled loop."""
+        return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
         """Return True if a zero with this direction is an event: 1, -1, or 0 for a touch."""

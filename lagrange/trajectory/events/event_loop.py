@@ -12,7 +12,7 @@ from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.step_events import EventSteps, Reaction, StepEventMemory
+from lagrange.machine.step_events import EventSteps, StepEventMemory
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
@@ -62,7 +62,7 @@ class WatchedEvents:
         model = problem.model
         impacts = impacts_of(model, problem.events)
         kernel = model.function("events", tuple(one.node for one in impacts))
-        memory = StepEventMemory(len(problem.y0), [Reaction(one.direction, one.first, one.rows) for one in impacts])
+        memory = StepEventMemory(len(problem.y0), [one.reaction for one in impacts])
         checked = any(one.constrained for one in impacts)
         memory.run.resets = int(not checked and inertia_stays(model.equations))
         memory.keep_start()

@@ -16,7 +16,7 @@ from lagrange.algorithm.events.constants import TOGETHER
 from lagrange.algorithm.taylor.constants import MOST_FAILURES
 from lagrange.algorithm.taylor.event_series import comparable_unit, keeps_sign
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
-from lagrange.machine.event_memory import EventMemory, Reaction
+from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.printed_run import called
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
@@ -84,13 +84,8 @@ class Watch(EventLog):
     ) -> None:
         super().__init__(len(impacts), series.program.states)
         self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
-        self.series, self.order, self.driver, self.names, self.continuations = (
-            series,
-            order,
-            driver,
-            names,
-            continuations,
-        )
+        self.series, self.order, self.driver = series, order, driver
+        self.names, self.continuations = names, continuations
         self.impacts, self.surfaces = tuple(impacts), series.program.sides
         self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
         self.starting: frozenset[int] = frozenset()
@@ -102,7 +97,10 @@ class Watch(EventLog):
         self._values: dict[int, FloatArray] = {}
         self._last: tuple[object, EventSeries] | None = None
         if memory is None:
-            memory = self._made(series, parameters)
+            resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
+            reactions = [one.reaction for one in self.impacts]
+            states = series.program.states
+            memory = EventMemory(states, self.surfaces, reactions, series.values, resets, parameters)
             memory.record.hides_growth, memory.record.steep = int(self.hides_growth), int(self.steep)
             memory.record.checked = int(any(one.constrained for one in self.impacts))
             driver.watch(memory)
@@ -456,14 +454,6 @@ class Watch(EventLog):
             self._last = key, EventSeries.at(self.series, self.order, state.t, y, scale, values, rtol)
         return self._last[1]
 
-    def _made(self, series: Series, parameters: FloatArray) -> EventMemory:
-        """Return new memory for the loop."""
-        reactions = [
-            Reaction(one.direction, one.terminal, one.first, one.rows, one.root, one.smooth) for one in self.impacts
-        ]
-        resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
-        return EventMemory(series.program.states, self.surfaces, reactions, series.values, resets, parameters)
-
     @property
     def values(self) -> FloatArray:
         """The parameters, then the sides."""
@@ -563,10 +553,6 @@ class Watch(EventLog):
         else:
             self.write(state)
         self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
-
-    def leave_all_to_the_watch(self) -> None:
-        """Disable the loop: it returns before each step on which a function may vanish."""
-        self.memory.record.enabled = 0
 
     def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:
         memory = self.memory
