@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes, to_chebyshev
-from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
+from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, NOISE, TAIL
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import Kernel, Places
-from lagrange.trajectory.paths.chebyshev import certain, evaluate
 from lagrange.trajectory.trajectory import FloatArray
 
 FEW = 12
@@ -155,6 +154,23 @@ class StepBatch:
         for i, step in enumerate(steps.tolist()):
             t, end = float(times[step]), float(times[step + 1])
             self.samples[step] = Sample(t, end - t, coefficients[:, i], values[:, i], self)
+
+
+def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
+    """Return functions (..., degree + 1) at places s (K,) in [0, 1], (..., K)."""
+    ranks = np.arange(chebyshev.shape[-1])
+    angles = 2 * np.arcsin(np.sqrt(s))
+    return np.asarray(chebyshev @ ((-1.0) ** ranks[:, None] * np.cos(np.outer(ranks, angles))))
+
+
+def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions (..., degree + 1) certainly keep their sign, judged by their coefficients.
+
+    The truncated part is taken as eight times the last coefficients.
+    """
+    sizes = np.abs(chebyshev)
+    others = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
+    return np.asarray(sizes[..., 0] > CERTAINTY * others)
 
 
 def state_noise(

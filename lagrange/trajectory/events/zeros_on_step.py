@@ -1,20 +1,32 @@
-"""An event function along one step of a step program: each zero once, in order, and its side at the end."""
+"""An event function along one step of a step program: each zero once, in order, and its side at the end.
+
+It is sampled at Chebyshev points of subintervals, halved until it is resolved: its last coefficients are at round-off.
+Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 3, 4 and 8.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.events.chebyshev import DEGREE, nodes, to_chebyshev
-from lagrange.algorithm.events.constants import EPSILON, JUMP, MOST_COEFFICIENTS, MOST_ROOTS, UNFIT
+from lagrange.algorithm.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.algorithm.events.constants import (
+    DEEPEST,
+    EPSILON,
+    JUMP,
+    LARGEST_NOISE,
+    MOST_COEFFICIENTS,
+    MOST_ROOTS,
+    TINY,
+    UNFIT,
+)
 from lagrange.algorithm.events.roots import roots as procedure
 from lagrange.machine.printed_run import called
-from lagrange.trajectory.events.step_batch import Sample, StepBatch
-from lagrange.trajectory.paths.chebyshev import LocalPolynomial, local_polynomials, powers
+from lagrange.trajectory.events.step_batch import Sample, StepBatch, certain
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -103,6 +115,102 @@ def roots(
     return [Root(time, way) for time, way in zeros], Side(sign, near)
 
 
+MOST_HALVINGS = 5000
+"""Largest total number of halvings of one step, for some hundreds of roots. The unresolved rest is noise."""
+
+POLE_LEVELS = 26
+"""A function that grows by a factor of 1000 over this many halvings has a pole.
+
+A jump stays constant under halving, a pole doubles.
+"""
+
+
+NOWHERE = np.empty(0)
+"""Coefficients of a function without a value."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPolynomial:
+    """A polynomial on a part of a step, from `start` over `width`, in units of the step.
+
+    `coefficients` are those of powers of the time since its start in units of its width; `noise` bounds their error.
+    They are empty on a part where the function has no value, or a pole. At a `jump` the part is a point, before and
+    after which the function has different signs.
+    """
+
+    start: float
+    width: float
+    coefficients: FloatArray
+    noise: float
+    jump: bool = False
+
+
+def local_polynomials(
+    g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
+) -> Iterator[LocalPolynomial]:
+    """Yield the parts of a step in order on which g is resolved, or certainly keeps its sign.
+
+    `g` takes places (K,) in [0, 1]; `values` are those at the nodes of the whole step. The parts end where g has no
+    value. `smooth` omits coefficients below the noise, for derivatives at the start of g.
+    """
+    stack = [(0.0, 0, values, math.inf, 0.0)]
+    halvings = 0
+    while stack:
+        start, depth, found, before, above = stack.pop()
+        width, finite = 0.5**depth, bool(np.isfinite(found).all())
+        chebyshev = to_chebyshev() @ np.where(np.isfinite(found), found, 0.0)
+        tail = float(np.abs(chebyshev[-2:]).max())
+        # A remainder that halving does not reduce is noise; this bounds the number of parts.
+        grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(found) else TINY
+        least = noise if smooth and start == 0 else 0.0
+        piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
+        if piece is not None:
+            yield piece
+        elif depth < DEEPEST and halvings < MOST_HALVINGS:
+            halvings += 1
+            above = _size(found) if depth == DEEPEST - POLE_LEVELS else above
+            for begin in (start + width / 2, start):
+                stack.append((begin, depth + 1, g(begin + width / 2 * nodes()), tail, above))
+        elif not finite or (depth == DEEPEST and _size(found) > 1e3 * above):
+            yield LocalPolynomial(start, width, NOWHERE, noise)
+            return
+        else:
+            jump = depth == DEEPEST and found[0] * found[-1] < 0 and min(abs(found[[0, -1]])) > noise
+            yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise, bool(jump))
+
+
+def _polynomial(
+    start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
+) -> LocalPolynomial | None:
+    """Return a part if it is resolved, or if its sign is certain; then only the first coefficient is kept.
+
+    Coefficients below round-off or the `least` are omitted and counted as noise. So is the truncated part: at a kink
+    the coefficients fall so slowly that it is the last one times some degrees.
+    """
+    sizes = np.abs(chebyshev)
+    floor = noise + 8 * EPSILON * size
+    if max(sizes[-2:]) <= floor:
+        found = powers(chebyshev, max(EPSILON * size, least))
+        left = float(sizes[len(found) :].sum() + 4 * DEGREE * sizes[-2:].max())
+        return LocalPolynomial(start, width, found, noise + left)
+    if certain(chebyshev, np.asarray(noise)):
+        return LocalPolynomial(start, width, chebyshev[:1], noise)
+    return None
+
+
+def powers(chebyshev: FloatArray, least: float) -> FloatArray:
+    """Return the coefficients of powers (k,), without trailing Chebyshev coefficients below the least."""
+    above = np.flatnonzero(np.abs(chebyshev) > least)
+    count = int(above[-1]) + 1 if len(above) else 1
+    return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
+
+
+def _size(values: FloatArray) -> float:
+    """Return the largest finite size, or 0 without finite values."""
+    sizes = np.abs(values[np.isfinite(values)])
+    return float(sizes.max(initial=0.0))
+
+
 RATE_NOISE = 1024 * EPSILON
 """Relative noise of a derivative: the weights of DOP853's dense output amplify rounding by a factor of 500."""
 
@@ -152,7 +260,7 @@ def trace(
     for piece in local_polynomials(
         lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero
     ):
-        if piece.coefficients is None:
+        if not len(piece.coefficients):
             return StepZeros(tuple(parts), tuple(found), before, piece.start, leaving)
         if zero and piece.start == 0:
             piece = _divided(piece)
@@ -161,7 +269,7 @@ def trace(
                 piece = _integrated(sample, place, piece)
                 leaving = _leaving(piece)
             before = Side(leaving[0])
-        if piece.coefficients is not None and len(piece.coefficients):
+        if len(piece.coefficients):
             parts.append((piece, before))
             final = last and piece.start + piece.width == 1.0
             zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
@@ -181,7 +289,7 @@ def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided
     side = found.parts[0][1] if found.parts else found.after
     for piece, before in found.parts:
         length = (s - piece.start) / piece.width
-        if length > 0 and piece.coefficients is not None:
+        if length > 0:
             cut, last = min(length, 1.0), decided and length <= 1
             here, side = roots(piece.coefficients, cut, before, noise=piece.noise, last=last, isolate=isolate)
             zeros += [replace(root, time=piece.start + piece.width * root.time) for root in here]
@@ -201,8 +309,6 @@ def _merged(found: list[Root]) -> tuple[Root, ...]:
 
 def _starts_clear(piece: LocalPolynomial) -> bool:
     """Return True if a function is far from zero where a part starts, so that a change of side there is a jump."""
-    if piece.coefficients is None:
-        return False
     sizes = np.abs(piece.coefficients)
     return bool(sizes[0] > JUMP * sizes.sum())
 
@@ -212,8 +318,6 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
 
     The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """
-    if piece.coefficients is None:
-        return piece
     rank = max(len(piece.coefficients) - 1, 1)
     return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
 
@@ -234,8 +338,6 @@ def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPoly
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
     """Return the sign after a start at zero, and the leading power of time, of a function that is divided by time."""
-    if piece.coefficients is None:
-        return 0, 0
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
     if not len(beyond):
         return 0, 0
