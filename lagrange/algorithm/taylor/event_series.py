@@ -101,7 +101,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
     The truncation error of an expression's series may exceed that of the state: it is a sum of products.
     """
     far, ratio, tries = s, math.inf, 0
-    share = -1.0 / float(count - 1)
+    share, middle = -1.0 / float(count - 1), quotient(count - 1, 2)
     if c[count - 1] == 0.0 and c[count - 2] == 0.0:
         return s
     while ratio > 1.0 and tries < 60:
@@ -109,7 +109,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
         early, late, power = 0.0, 0.0, 1.0
         for k in range(count):
             term = abs(c[k]) * power
-            early = larger(early, term) if k <= quotient(count - 1, 2) else early
+            early = larger(early, term) if k <= middle else early
             late = larger(late, term) if k >= count - 2 else late
             power *= far
         excess = late / fma(tolerance, early, noise)

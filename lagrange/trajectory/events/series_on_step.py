@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -99,10 +99,14 @@ class EventSeries:
             s, limiting = s / 2, int(np.argmax(wrong))
         return s, limiting
 
-    @cached_property
-    def near(self) -> FloatArray:
-        """The series of event functions in a unit of time that makes their terms comparable, by the function `near`."""
-        return near(self.watched, self.unit, self.rtol, self.noise)
+    def near(self, which: int) -> FloatArray:
+        """Return the series of an event function scaled by the function `near`, (order + 1,)."""
+        return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
+
+    def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
+        """Return the sign with which an event function leaves zero, and the order; see the function `leaving`."""
+        tolerance = EVENT_SLACK * max(self.rtol, EPSILON)
+        return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
     def jumps(self, s: float, zero_sides: Sequence[Side]) -> list[int]:
         """Return the event functions that changed sign since the last step without a zero, as an angle at its cut."""
@@ -135,9 +139,17 @@ class EventSeries:
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
-    """Return the times, at most s, up to which the columns of a series (order + 1, k) are accurate or noise (k,)."""
-    tolerance, run = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form())
-    return [run(c, len(c), s, tolerance, x) for c, x in zip(_columns(series), noise.tolist(), strict=True)]
+    """Return the times, at most s, up to which the columns of a series (order + 1, k) are accurate or noise (k,).
+
+    Most series show by their first and last two terms that they are accurate on the whole step.
+    """
+    tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
+    with np.errstate(all="ignore"):
+        terms = np.abs(series[ends]) * (s ** _ranks(len(series) - 1)[ends])[:, None]
+        is_whole = (terms[2:].max(axis=0) <= tolerance * terms[:2].max(axis=0) + noise).tolist()
+    for c, doubt, whole in zip(_columns(series), noise.tolist(), is_whole, strict=True):
+        far.append(s if whole else run(c, len(c), s, tolerance, doubt))
+    return far
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
@@ -146,20 +158,23 @@ def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> Flo
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
 
 
-def leaving(g: FloatArray, margin: float = math.inf) -> tuple[int, int]:
+def leaving(
+    g: FloatArray, margin: float = math.inf, unit: float = 1.0, tolerance: float = 0.0, noise: float = math.inf
+) -> tuple[int, int]:
     """Return the sign of a function with the series g right after a start at zero, and the order of its leading term.
 
-    The terms are those of `near`. If g stays zero, the sign is 0 and the order -1. If g is not zero at its start, up to
-    rounding and the `margin`, the result is its sign there and the order 0.
+    If g stays zero, the sign is 0 and the order -1. If g is not zero at its start, up to rounding and the `margin`, the
+    result is its sign there and the order 0. Terms are compared at a time `unit`, or at the end of the range of g by
+    its tolerance and noise.
     """
-    start = called(event_series.start_of_series.form())
-    sign, order = start(np.ascontiguousarray(g), len(g), 1.0, 0.0, math.inf, margin)
+    sign, order = called(event_series.start_of_series.form())(g.tolist(), len(g), unit, tolerance, noise, margin)
     return sign, order
 
 
-def _columns(series: FloatArray) -> list[FloatArray]:
-    """Return the columns of a series (order + 1, k) as arrays of their own."""
-    return list(np.ascontiguousarray(series.T))
+def _columns(series: FloatArray) -> list[list[float]]:
+    """Return the columns of a series (order + 1, k) as lists, which printed Python reads fastest."""
+    columns: list[list[float]] = series.T.tolist()
+    return columns
 
 
 @lru_cache(maxsize=64)

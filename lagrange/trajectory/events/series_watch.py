@@ -308,7 +308,7 @@ class Watch(EventLog):
         """Return events at a surface with their direction after it: an event may turn back there, as abs(x) does."""
         found = []
         for m in zeros:
-            g = self.ahead(state).near[:, m.which]
+            g = self.ahead(state).near(m.which)
             if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
                 self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
                 found += [m] * (not self.is_root(m.which))
@@ -342,7 +342,7 @@ class Watch(EventLog):
         began = self.start(state, happened, before)
         if began.status is None:
             for m in zeros:
-                sign, order = leaving(self.ahead(state).near[:, m.which])
+                sign, order = self.ahead(state).leaving(m.which)
                 if m.which in self.starting and order > 1 and sign == m.root.rising:
                     return replace(at_rest(self.names()[m.which]), jumped=True)
             self.pending = self.impacts_at_once(state, happened)
@@ -393,7 +393,7 @@ class Watch(EventLog):
             return undefined(self.names(), look.watched)
         self.go_on(state)
         known = self._known(before, look, stayed)
-        starts = [leaving(g, margin) for g, margin in zip(look.near.T, noise.tolist(), strict=True)]
+        starts = [look.leaving(i, margin) for i, margin in enumerate(noise.tolist())]
         self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in known and order != 0)
         for i, (sign, _) in enumerate(starts):
             self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else known.get(i, Side(sign))
@@ -440,8 +440,7 @@ class Watch(EventLog):
             if which in self.starting and which not in happened and turns:
                 y = state.y.copy()
                 impact.apply(state.t, state.y, self.parameters, y)
-                g = self.ahead(state, y).near[:, which]
-                passes = leaving(g, 0.0) == (impact.direction, 1)
+                passes = self.ahead(state, y).leaving(which, 0.0) == (impact.direction, 1)
                 found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
         return found
 
@@ -543,7 +542,7 @@ class Watch(EventLog):
 
     @property
     def unbegun(self) -> bool:
-        """True if the loop has not yet found the sides at the start of the motion."""
+        """True while the loop is still to find the sides at the start of the motion."""
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
