@@ -309,11 +309,16 @@ def test_the_default_takes_few_steps(case: Callable[[], Case], method: str) -> N
 KINDS = (random_chain, random_lattice, random_net)
 
 MOST = {"taylor": 1.5, "dop853": 2.5, "verner9": 2.5, "scipy-dop853": 2.5}
-"""Most tries against those with a good `atol`, 3.5 for methods of lower order; for dop853 1.5 but for lattices.
+"""Most tries against those with a good `atol`, 3.5 for methods of lower order; for `FEW` 1.5 but for lattices.
 
 In lattices entries grow from rounding to order one like a power of time. By default each keeps the digits that doubles
-hold, which takes as many steps as an `atol` of 1e-16: at order eight up to 2.2 times, at order five up to 3.1 times.
+hold, which takes as many steps as an `atol` of 1e-16 of the displacement: at most 1.11 times with taylor, dop853, tsit5
+and radau5. Against 1e-12 these four take up to 1.29, 2.25, 2.68 and 2.95 times in lattices, else up to 1.21, 1.29, 1.41
+and 1.47, and against 1e-8, which drops digits, up to 12 times. Gauss methods take equal steps.
 """
+
+FEW = ("dop853", "tsit5")
+"""Methods measured with all seeds."""
 
 OTHERS = [
     pytest.param(name, marks=pytest.mark.slow)
@@ -326,7 +331,7 @@ OTHERS = [
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed != 2)) for seed in range(6)])
 def test_random_systems_at_rest_but_for_one_entry(kind: Callable[[Random], Case], method: str, seed: int) -> None:
     tries, fewest = steps_by_default(kind(Random(seed)), method)
-    most = 1.5 if method == "dop853" and kind is not random_lattice else MOST.get(method, 3.5)
+    most = 1.5 if method in FEW and kind is not random_lattice else MOST.get(method, 3.5)
     assert tries <= most * fewest + 2
 
 
