@@ -14,6 +14,7 @@ from lagrange.equations.constraints import ConstraintEquations, check_rows, cons
 from lagrange.equations.decisions import StatedLaws
 from lagrange.equations.solve_plan import SolvePlan, eliminated, plan_of
 from lagrange.equations.structure import Structure, find_structure
+from lagrange.equations.turning import Turning, turning
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
@@ -235,6 +236,7 @@ class Equations:
     - `motion` is the form that is solved. If M is singular it has other momenta, and so another M.
     - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves with it for the
       accelerations, followed by `impulses` with the opposite sign.
+    - `turning` are the equations in rates of bodies, None without rotations or with constraints.
     """
 
     graph: Graph
@@ -261,6 +263,7 @@ class Equations:
     plan: SolvePlan
     structure: Structure
     layout: StateLayout
+    turning: Turning | None
 
     @property
     def state(self) -> dict[str, Sequence[Node]]:
@@ -295,9 +298,8 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     """Return the equations of motion of a statement; `kept` has the indices of the solved constraints, None for all."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
-    rate = v  # dq/dt
-    leaves = dict(zip((*statement.coordinates, *statement.velocities), (*q, *v), strict=True))
-    leaves |= {t: time, **dict(zip(statement.parameters, parameters, strict=True))}
+    symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)
+    leaves = dict(zip(symbols, (*q, *v, time, *parameters), strict=True))
     translate = Translator(graph, leaves)
     stated = [translate(e) for e in (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)]
     kinetic, potential, dissipation, *applied = share_sums(graph, stated)
@@ -309,7 +311,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     extra = applied_forces(applied, dissipation, v)
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
-    bias = bias_forces(forces, momenta, q, rate, time)
+    bias = bias_forces(forces, momenta, q, v, time)
     first_order = first_order_coordinates(mass, bias, v, constraints)
     check_inertia(statement.names, mass, constraints, first_order)
     kept = range(len(constraints)) if kept is None else kept
@@ -329,7 +331,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         graph=graph,
         q=q,
         v=v,
-        rate=rate,
+        rate=v,
         time=time,
         parameters=parameters,
         leaves=leaves | known,
@@ -350,6 +352,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         plan=plan,
         structure=structure,
         layout=StateLayout(statement.names, statement.names),
+        turning=turning(statement, graph, leaves | known),
     )
 
 

@@ -35,7 +35,7 @@ def rewritten(
 ) -> Statement:
     """Return the statement with the function `put` applied to every expression; the result is checked as a new one.
 
-    Where rotations stay, energies and forces contain their entries and rates by name, such as R_xx(t). Parts that are
+    Energies and forces contain the entries and rates of rotations that stay by name, such as R_xx(t). Parts that are
     None are those of the statement. `coordinates` are the new coordinates. `forces` are new forces, to which `put` is
     not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters` are all
     parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by coordinate and

@@ -28,8 +28,9 @@ class RecurrenceBuilder:
     """Builds the series values of graph nodes, each once, and numbers them.
 
     `nodes` has the node of each value at order 0, if there is one. `rate` is dq/dt, by default v. `unknowns` are
-    symbols that a stage after that of the velocities solves for, each with its number among all unknowns. With `apart`
-    the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may exist already.
+    symbols that a stage solves for beside velocities, each with its number among all unknowns. `integrals` are the
+    derivatives of other symbols, by symbol. With `apart` the rate of a sum such as a - b is multiplied term by term:
+    cos(a - b) a' may exist already.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class RecurrenceBuilder:
         rate: Sequence[Node] = (),
         apart: bool = False,
         unknowns: Mapping[Node, int] = MappingProxyType({}),
+        integrals: Mapping[Node, Node] = MappingProxyType({}),
     ) -> None:
         self.graph = graph
         self.apart = apart
@@ -55,7 +57,7 @@ class RecurrenceBuilder:
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
         self.starts: dict[Node, Node] = {}
-        self.speed = dict(zip(self.q, rate or self.v, strict=True)) | graph.rates
+        self.speed = dict(zip(self.q, rate or self.v, strict=True)) | graph.rates | dict(integrals)
         for i, node in enumerate(self.q):
             self.values[node] = self.add(SeriesRule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):
@@ -65,6 +67,8 @@ class RecurrenceBuilder:
         self.values[time] = self.add(SeriesRule("time"), time)
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)
+        for node in [node for node in order if node in integrals]:
+            self.integral(node, integrals)
         for node in order:
             # A product that only sums use is taken apart by them, so that its constant factor joins theirs, and a
             # reciprocal in a product is a division.
@@ -253,6 +257,18 @@ class RecurrenceBuilder:
         scale, moving = (rate, None) if rate.binding <= Binding.PARAMETER else self.split(rate)
         product = w if moving is None else self.multiply(moving, w)
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
+
+    def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
+        """Give a symbol the rule that it is integrated, and those in its rate, too."""
+        waiting = [node]
+        reserved: dict[Node, int] = {}
+        while waiting:
+            symbol = waiting.pop()
+            if symbol not in self.values:
+                reserved[symbol] = self.reserve(symbol)
+                waiting += [inner for inner in reachable([rates[symbol]]) if inner in rates]
+        for symbol, value in reserved.items():
+            self.rules[value] = SeriesRule("integral", (self.value(rates[symbol]),), (self.constant(1),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
         """Return the terms of rate * w; each product gets its value here."""

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import NamedTuple
 
 from lagrange.equations.solve_plan import SolvePlan
@@ -304,7 +305,8 @@ def _problems(program: SeriesProgram) -> Iterator[str]:
     outputs = [*rights, *(i for i in program.watched if i is not None), *integrated(program.rules, program.rates)]
     if any(not 0 <= i < len(program.rules) for i in (*outputs, *lefts)):
         yield "an output is no value"
-    if solved[:n] != list(range(n, 2 * n)):
+    velocities = [[value for value in stage.unknowns if n <= value < 2 * n] for stage in program.stages]
+    if any(part != sorted(part) for part in velocities) or sorted(chain(*velocities)) != list(range(n, 2 * n)):
         yield "the stages do not find the velocities in their order"
     if len(program.rates) != n:
         yield "there is not one rate for each coordinate"

@@ -7,7 +7,8 @@ from dataclasses import replace
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
-from lagrange.equations.euler_lagrange import Equations, bias_forces
+from lagrange.equations.euler_lagrange import Equations, MotionForm, bias_forces, mass_matrix
+from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.graph.node import Binding, Exact, Kind, Node, reachable
 from lagrange.graph.rebuild import substitute
 from lagrange.program.constraints import projection_program
@@ -31,9 +32,24 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
     The values watched are the surfaces, then the nodes given (of events).
     """
-    switched = switched_equations(equations, watched)
-    best = min(assemblies(equations, switched, solved=solved_within(watched)), key=lambda assembly: assembly.cost)
+    solved = solved_within(watched)
+    plain, chosen = replace(equations, turning=None), in_rates(equations)
+    if solved or (chosen.turning is not None and not chosen.turning.adjacent):
+        chosen = plain
+    switched = switched_equations(chosen, watched)
+    if chosen.turning is not None and any(map(chosen.turning.has, switched.stated)):
+        chosen, switched = plain, switched_equations(plain, watched)
+    best = min(assemblies(chosen, switched, solved=solved), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
+
+
+def in_rates(e: Equations) -> Equations:
+    """Return equations with the motion in rates of bodies, if there are such."""
+    if e.turning is None:
+        return e
+    mass = mass_matrix(e.turning.momenta, e.turning.velocities)
+    motion = MotionForm(e.turning.momenta, e.turning.forces, ())
+    return replace(e, motion=motion, matrix=mass, plan=plan_of(mass))
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
@@ -45,7 +61,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     gradient = [entry for row in held.gradient for entry in row]
     matrix = [e.matrix[i][j] for i, j in e.plan.triangle]
     right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
-    unknown = zip(e.solution, motion_symbols(e), strict=True)
+    unknown = zip(e.solution, motion_symbols(e), strict=True) if right else ()
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
     # A constraint on positions may jump where its rate of change does not: its surfaces are those of the motion, too.
     places = [phi for phi in held.positions if phi is not None]
@@ -81,7 +97,7 @@ class _Parts(NamedTuple):
     @classmethod
     def of(cls, e: Equations, switched: Switched, *, solved: bool) -> _Parts:
         """Divide the outputs."""
-        n, m = len(e.q), len(e.constraints)
+        n, m = len(e.motion.momenta), len(e.constraints)
         right = len(e.matrix) if solved else 0
         places = sum(phi is not None for phi in e.constraints.positions)
         ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, places, len(switched.outputs)))
@@ -93,15 +109,17 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
     """Return every form of the equations worth comparing; `solved` says that their solution is watched."""
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
-    n = len(e.q)
+    n = len(p)
+    places = dict(zip(e.q, e.rate, strict=True)) if e.turning is None else e.turning.places
+    q, rate = list(places), list(places.values())
     steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
     if steady:
         # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
         # form may count on p.
-        f, p = bias_forces(f, p, e.q, e.rate, e.time), [e.graph.zero] * len(p)
+        f, p = bias_forces(f, p, q, rate, e.time), [e.graph.zero] * len(p)
     return [
         _Assembly(e, form, parts, switched, steady=steady, apart=apart)
-        for form in forms(p, f, e.q, e.rate, e.time)
+        for form in forms(p, f, q, rate, e.time)
         for apart in (False, True)
     ]
 
@@ -125,12 +143,22 @@ class _Assembly:
         self.steady = steady
         lower = dict(zip(equations.plan.triangle, parts.triangle, strict=True))
         self.entries = {**lower, **{(j, i): entry for (i, j), entry in lower.items()}}
-        graph, n, m = equations.graph, len(equations.q), len(equations.constraints)
+        graph, m, turning = equations.graph, len(equations.constraints), equations.turning
+        velocities = equations.v if turning is None else turning.velocities
+        n, spun = len(equations.q), {} if turning is None else turning.spun
         forces = [node for terms in form.forces for _, node in terms]
         inertia = forces if steady else form.nodes
         self.motion = motion_symbols(equations) if parts.right else []
         balance = self.balance(parts.right)
-        nodes = [*inertia, *parts.velocities, *parts.gradient, *balance, *parts.watched]
+        nodes = [
+            *inertia,
+            *parts.velocities,
+            *parts.gradient,
+            *balance,
+            *parts.watched,
+            *(rate for rate, _, _ in spun.values()),
+        ]
+        solved_for = [*(v for v in velocities if v not in equations.v), *self.motion]
         self.builder = RecurrenceBuilder(
             graph,
             equations.q,
@@ -139,8 +167,12 @@ class _Assembly:
             nodes,
             rate=equations.rate,
             apart=apart,
-            unknowns={symbol: n + m + i for i, symbol in enumerate(self.motion)},
+            unknowns={symbol: n + m + i for i, symbol in enumerate(solved_for)},
+            integrals={} if turning is None else turning.integrals,
         )
+        self.unknowns = [self.builder.values[v] for v in velocities]
+        self.spun = {self.builder.values[equations.v[i]]: self.spin(rate, pull) for i, (rate, _, pull) in spun.items()}
+        self.builder.starts.update({} if turning is None else turning.starts)
         self.builder.starts.update(switched.starts)
         solution = equations.plan.solved(self.matrix, parts.right) if parts.right else []
         self.builder.starts.update(zip(self.motion, solution, strict=True))
@@ -189,13 +221,19 @@ class _Assembly:
         self.momenta += [b.value(psi) for psi in velocities]
         self.forces += [None] * m
 
+    def spin(self, rate: Node, pull: Node) -> int:
+        """Return the value of minus twice the velocity of a quaternion entry, with the pull times time."""
+        b = self.builder
+        pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
+        return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
+
     def inertia(self, i: int) -> list[tuple[int, Node]]:
         """Return a momentum as values times constants: of a constant mass matrix M v itself."""
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
             return [(known, b.graph.one)]
         entries = {j: entry for (k, j), entry in self.entries.items() if k == i and j < len(e.q)}
-        return [(b.values[e.v[j]], entry) for j, entry in entries.items()] if self.steady else []
+        return [(self.unknowns[j], entry) for j, entry in entries.items()] if self.steady else []
 
     def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
         """Return the integral of an entry of G along that of its multiplier, as a constant times a value."""
@@ -260,20 +298,23 @@ class _Assembly:
         """Return the record."""
         e, b = self.equations, self.builder
         outputs = {value for value in (*self.forces, *self.watched) if value is not None}
+        outputs |= self.spun.keys()
         needed = kept_values(b.rules) | lagged_values(b.rules) | outputs.union(integrated(b.rules, self.rates))
         started = tuple(sorted(needed)) or (0,)
         table = list(b.constants) or [e.graph.one]
-        mass = list(self.triangles)
+        mass = substitute(self.triangles, {} if e.turning is None else e.turning.starts)
         symbols = (*e.parameters, *self.switched.sides)
         entries = [e.graph.symbol(f"constant {place}", Binding.PARAMETER) for place in range(len(table))]
         known = [node if node.kind is Kind.CONSTANT else entries[place] for place, node in enumerate(table)]
         n = len(e.q)
         low = [e.graph.symbol(f"low {i}", Binding.CONFIGURATION if i < n else Binding.VELOCITY) for i in range(2 * n)]
         values = b.initial(known, dict(enumerate(low)))
+        for value, (_, slope, _) in zip(self.spun, () if e.turning is None else e.turning.spun.values(), strict=True):
+            values[value] = slope
         initial = [known_node(values[value]) for value in started]
-        constants: dict[str, Sequence[Node]] = {"table": table}
-        first: dict[str, Sequence[Node]] = {"values": initial}
-        (first if self.plan.moving else constants)["mass"] = [*mass, *mass] if self.motion else mass
+        constants: dict[str, list[Node]] = {"table": table, "mass": [e.graph.node(2)] * len(self.spun)}
+        first = {"values": initial, "mass": []}
+        (first if self.plan.moving else constants)["mass"][:0] = [*mass, *mass] if self.motion else mass
         lost = {"q_lost": low[:n], "v_lost": low[n:]}
         stated = self.switched.stated or (e.graph.zero,)
         return SeriesProgram(
@@ -294,9 +335,15 @@ class _Assembly:
         )
 
     def stages(self) -> tuple[Stage, ...]:
-        """Return the stage of the velocities, then that of accelerations and multipliers if these are watched."""
-        n, b = len(self.equations.q), self.builder
-        first = Stage((*range(n, 2 * n), *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)
+        """Return the stage of the velocities, then that of accelerations and multipliers if these are watched.
+
+        In rates of bodies, the second one has the derivatives of quaternions.
+        """
+        b = self.builder
+        first = Stage((*self.unknowns, *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)
+        if self.spun:
+            alone = SolvePlan(tuple((i,) for i in range(len(self.spun))), moving=False)
+            return (first, Stage(tuple(self.spun), tuple(self.spun.values()), (None,) * len(self.spun), alone))
         if not self.motion:
             return (first,)
         unknowns = tuple(b.values[symbol] for symbol in self.motion)

@@ -81,9 +81,8 @@ class ByOrderJet(LoopJet):
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
         sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width)
         self.write_first()
-        moving = any(stage.plan.moving for stage in packing.stages)
         guesses = [
-            [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if moving else None
+            [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
             for stage in packing.stages
         ]
         with self.each_order() as iteration:

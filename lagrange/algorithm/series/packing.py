@@ -160,7 +160,8 @@ class Packing:
     @cached_property
     def state(self) -> tuple[Chunk, ...]:
         """The coordinates and the velocities."""
-        return (*self.coordinates, *(chunk for chunk in self.unknowns if chunk.values[0] < self.program.states))
+        velocities = (chunk for chunk in self.unknowns if chunk.values[0] < self.program.states)
+        return (*self.coordinates, *sorted(velocities, key=lambda chunk: chunk.values[0]))
 
     @cached_property
     def unknowns(self) -> tuple[Chunk, ...]:

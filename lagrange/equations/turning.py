@@ -1,0 +1,147 @@
+"""Equations of motion in rates of bodies, for series: p = dL/dw, dp/dt = p x w + (change of L by a turn) + torque.
+
+They are those of Euler and Poincare, of a statement that is read in turns. The length of a quaternion is not in them,
+so the series of the quaternion is polynomial: dq/dt = q w/2. Entries of a rotation R are values of their own with the
+derivatives R (w x). Source: J. E. Marsden, T. S. Ratiu, Introduction to Mechanics and Symmetry, 1999, section 13.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import chain
+from typing import Any
+
+from lagrange.graph.differentiate import gradient, tangents
+from lagrange.graph.from_sympy import Translator
+from lagrange.graph.node import Binding, Graph, Node
+from lagrange.graph.rebuild import substitute
+from lagrange.statement.coordinate import velocity_of
+from lagrange.statement.rotation import Rotation, rotation_of
+from lagrange.statement.space import conjugate, matrix_of, product
+from lagrange.statement.statement import Statement
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """Equations with m velocities: those of coordinates beside rotations, then three rates w of each body.
+
+    - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
+    - `places` maps the other coordinates, and symbols of the entries of rotations, to their derivatives.
+    - `starts` maps the symbols of w and of entries to nodes in q and v of the statement.
+    - `spun` maps the index of each quaternion entry among the coordinates to minus twice its derivative, -q w, and to
+      the derivatives of q and v at the start of a step. These two keep the length: errors of v along q would
+      accumulate, and change the energy.
+    """
+
+    velocities: tuple[Node, ...]
+    momenta: tuple[Node, ...]
+    forces: tuple[Node, ...]
+    places: Mapping[Node, Node]
+    starts: Mapping[Node, Node]
+    spun: Mapping[int, tuple[Node, Node, Node]]
+
+    @property
+    def integrals(self) -> dict[Node, Node]:
+        """The derivatives of entries of rotations, by their symbols."""
+        return {place: rate for place, rate in self.places.items() if place in self.starts}
+
+    @property
+    def adjacent(self) -> bool:
+        """True if the quaternions follow one another among the coordinates: series solve for their velocities apart."""
+        count = len(self.spun)
+        first, others = min(self.spun), len(self.velocities) - count * 3 // 4
+        return first in (0, others) and max(self.spun) == first + count - 1
+
+    def has(self, node: Node) -> bool:
+        """Return True if a node contains rates or entries of rotations."""
+        return any(symbol.depends & node.depends for symbol in self.starts)
+
+
+class _Body:
+    """The symbols of one rotation, for its rates and entries, with the changes and derivatives of the entries."""
+
+    def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
+        q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))
+        self.w = [graph.symbol(str(f), Binding.VELOCITY) for f in each.body]
+        self.entries = [graph.symbol(str(f), Binding.CONFIGURATION) for f in each.matrix]
+        self.leaves = dict(zip((*each.body, *each.matrix), (*self.w, *self.entries), strict=True))
+        (w, i, j, k), (a, b, c), half = q, self.w, Fraction(1, 2)
+        rows = (
+            [(-i, a), (-j, b), (-k, c)],
+            [(w, a), (j, c), (-k, b)],
+            [(w, b), (k, a), (-i, c)],
+            [(w, c), (i, b), (-j, a)],
+        )
+        self.spun = [graph.sum([(-1, x * rate) for x, rate in row]) for row in rows]
+        """Minus twice the derivatives of the quaternion, -q w."""
+        square = w**2 + i**2 + j**2 + k**2
+        excess = (w - 1) * (w + 1) + i**2 + j**2 + k**2  # |q|^2 - 1; rounding errors of |q|^2 are equal at many steps
+        (stretch, *turned), size = product(conjugate(q), v), graph.power(a**2 + b**2 + c**2, half)
+        rates = [2 * rate - 2 * rate * (excess / square) for rate in turned]
+        self.starts = dict(zip((*self.w, *self.entries), (*rates, *chain(*matrix_of(q))), strict=True))
+        slopes = [-half * (rate + size * excess * x) for rate, x in zip(self.spun, q, strict=True)]
+        self.slopes = substitute(slopes, self.starts)
+        """Derivatives of the quaternion at the start of a step, with a part that takes its length to one."""
+        self.pulls = [-(size * stretch / square * x) for x in q]
+        """Accelerations at the start of a step that take the change of its length from the velocities."""
+        x, y, z = columns = [self.entries[k::3] for k in range(3)]
+        changes = ({1: z, 2: [-e for e in y]}, {0: [-e for e in z], 2: x}, {0: y, 1: [-e for e in x]})
+        self.turns = [
+            {e: moved for k, column in change.items() for e, moved in zip(columns[k], column, strict=True)}
+            for change in changes
+        ]
+        """The changes of entries by small turns about each axis of the body; others stay."""
+
+    def rates(self) -> dict[Node, Node]:
+        """Return the derivatives of the entries."""
+        zero = self.w[0].graph.zero
+        pairs = list(zip(self.w, self.turns, strict=True))
+        return {e: sum((w * turn.get(e, zero) for w, turn in pairs), zero) for e in self.entries}
+
+    def spin(self, p: Sequence[Node]) -> list[Node]:
+        """Return p x w."""
+        (a, b, c), (x, y, z) = self.w, p
+        return [y * c - z * b, z * a - x * c, x * b - y * a]
+
+
+def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> Turning | None:
+    """Return the equations in rates of a statement, None if it has constraints, or no reading in turns.
+
+    `leaves` maps coordinates, velocities, time and parameters to nodes of the graph.
+    """
+    read = statement.reading
+    if read is None or statement.constraints:
+        return None
+    rotations = list(map(rotation_of, statement.rotations))
+    bodies = [_Body(graph, each, leaves) for each in rotations]
+    known = {**leaves}
+    for body in bodies:
+        known |= body.leaves
+    translate = Translator(graph, known)
+    lagrangian, dissipation = translate(read.kinetic) - translate(read.potential), translate(read.dissipation)
+    others = [known[q] for q in read.coordinates if q in known]
+    velocities = [known[v] for v in read.velocities]
+    momenta = gradient(lagrangian, velocities)
+    forces = gradient(lagrangian, others)
+    for i, body in enumerate(bodies):
+        spin = body.spin(momenta[len(others) + 3 * i :][:3])
+        forces += [tangents([lagrangian], turn)(lagrangian) + p for turn, p in zip(body.turns, spin, strict=True)]
+    parts = zip(forces, map(translate, read.forces), gradient(dissipation, velocities), strict=True)
+    places = dict(zip(others, velocities, strict=False))
+    starts: dict[Node, Node] = {}
+    spun: dict[int, tuple[Node, Node, Node]] = {}
+    for each, body in zip(rotations, bodies, strict=True):
+        places |= body.rates()
+        starts |= body.starts
+        rows = map(statement.coordinates.index, each.quaternion)
+        spun |= zip(rows, zip(body.spun, body.slopes, body.pulls, strict=True), strict=True)
+    return Turning(
+        velocities=tuple(velocities),
+        momenta=tuple(momenta),
+        forces=tuple(force + applied - drag for force, applied, drag in parts),
+        places=places,
+        starts=starts,
+        spun=dict(sorted(spun.items())),
+    )
