@@ -273,15 +273,18 @@ class Precise:
     A call with q and v (n numbers each), t and a value for every parameter returns one mpmath number per expression.
     Python floats and SymPy Floats are converted exactly; fractions and constants such as pi have all digits. Only the
     selected branch of a Piecewise needs a value. A call raises OutsideDomain if an expression has no real, finite
-    value. `entries` are the indices in (q, v) of the coordinates and velocities that occur.
+    value. `entries` are the indices in (q, v) of the coordinates and velocities that occur. `further` symbols are given
+    values like parameters.
 
     A call repeats only instructions whose inputs have changed since the previous call, since differencing moves one
     coordinate at a time. An instance therefore serves one thread only.
     """
 
-    def __init__(self, expressions: Iterable[Any], statement: Statement, digits: int = 50) -> None:
+    def __init__(
+        self, expressions: Iterable[Any], statement: Statement, digits: int = 50, further: Iterable[Any] = ()
+    ) -> None:
         self.context = _context(digits)
-        tape = _Recorder(statement, self.context.prec)
+        tape = _Recorder(statement, self.context.prec, further)
         self._outputs = tuple(tape.record(e) for e in expressions)
         self._template = tape.constants
         self._values: list[Any] | None = None
@@ -410,7 +413,7 @@ def _inputs(statement: Statement) -> Mapping[Any, tuple[str, Any]]:
 class _Recorder:
     """Translates expressions into instructions, children first; equal subexpressions share a slot."""
 
-    def __init__(self, statement: Statement, prec: int) -> None:
+    def __init__(self, statement: Statement, prec: int, further: Iterable[Any]) -> None:
         self.prec = prec
         self.code: list[_Instruction] = []
         self.constants: list[Any] = []
@@ -418,7 +421,7 @@ class _Recorder:
         self.switches: dict[Any, tuple[int, tuple[int, ...]]] = {}
         self._slots: dict[Any, int] = {}
         self._needs: list[int] = []
-        self._leaves = _inputs(statement)
+        self._leaves = {**_inputs(statement), **{symbol: ("p", symbol) for symbol in further}}
 
     def record(self, expression: Any) -> int:
         """Return the slot that holds the expression's value."""

@@ -15,7 +15,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics.grading.student_equations import spelled
-from lagrange.mechanics.grading.term_difference import _expanded
+from lagrange.mechanics.grading.term_difference import expanded
 from tests.models import shared_scene
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")
@@ -349,8 +349,8 @@ def test_files_are_refused_by_line() -> None:
     [
         ("+ k*(sin(a) - sin(b))*cos(b)", "the term k*(sin(a) - sin(b))*cos(b) has the wrong sign: it should be "),
         ("- 2*k*(sin(a) - sin(b))*cos(b)", "the term -2*k*(sin(a) - sin(b))*cos(b) has the wrong factor: it is "),
-        ("- k*(a - b)", "the sum k*b - k*a is wrong: it should be k*sin(b)*cos(b) - k*sin(a)*cos(b)."),
-        ("", "the sum k*sin(b)*cos(b) - k*sin(a)*cos(b) is missing."),
+        ("- k*(a - b)", "the term -k*(a - b) is wrong: it should be -k*(sin(a) - sin(b))*cos(b)."),
+        ("", "the term -k*(sin(a) - sin(b))*cos(b) is missing."),
     ],
 )
 def test_of_a_sum_only_the_part_that_is_wrong_is_named(spring: str, message: str) -> None:
@@ -444,5 +444,5 @@ def test_a_filter_of_first_order() -> None:
 def test_the_sine_of_a_large_multiple_is_one_term() -> None:
     """Expanded, it is a polynomial of that degree: the thousandth takes twenty seconds."""
     x = sympy.Symbol("x")
-    assert _expanded(sympy.sin(1000 * x)) == (sympy.sin(1000 * x),)
-    assert set(_expanded(sympy.sin(2 * x))) == {2 * sympy.sin(x) * sympy.cos(x)}
+    assert expanded(sympy.sin(1000 * x)) == (sympy.sin(1000 * x),)
+    assert set(expanded(sympy.sin(2 * x))) == {2 * sympy.sin(x) * sympy.cos(x)}

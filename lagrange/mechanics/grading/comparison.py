@@ -102,58 +102,55 @@ def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[SamplePo
         yield replace(point, q=q, v=v, parameters=values)
 
 
-def multiples_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[Any]] | None:
-    """Return the ratios of the equations' multipliers to those of the system, one list for each sample.
+def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[MotionSample]]:
+    """Return the samples with the multipliers that may be meant: those of the system, and their multiples in equations.
 
-    None if the equations do not hold for any such ratios, common to all equations.
+    The forces of an equation determine how many times its multiplier is that of the system; another name, sign or unit
+    is not an error.
     """
-    try:
-        ratios = [_multiples(rows, sample) for sample in samples]
-    except OutsideDomain:
-        return None
-    return ratios if all(ratios) else None
+    choices = [list(samples)]
+    for row in rows:
+        if len(samples[0].multipliers) and any(list(row.slopes.values())[len(row.statement.names) :]):
+            with suppress(OutsideDomain):
+                scaled = [_scaled(row, rows, sample) for sample in samples]
+                choices += [scaled] if all(scaled) else []
+    return choices
 
 
-def sentence_on_multipliers(multiples: Sequence[Sequence[Any]]) -> str:
-    """Return a sentence on the ratio of the multipliers in right equations to those of the system."""
-    every = [multiple for row in multiples for multiple in row]
-    ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR)
+def _scaled(row: EquationRow, rows: Sequence[EquationRow], sample: MotionSample) -> MotionSample:
+    """Return a sample with the multipliers of an equation; those that it lacks are as in the first that has them."""
+    multiples = [_multiples(other, sample) for other in (row, *rows)]
+    first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
+    return replace(sample, multipliers=tuple(x * k for x, k in zip(sample.multipliers, first, strict=True)))
+
+
+def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[MotionSample]) -> str:
+    """Return a sentence on the ratio of the multipliers in right equations, `chosen`, to those of the system."""
+    both = zip(chosen, samples, strict=True)
+    every = [a / b for one, other in both for a, b in zip(one.multipliers, other.multipliers, strict=True) if b]
+    ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR) if every else Fraction(1)
     if any(abs(x * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for x in every):
         return " Their multipliers are multiples of those of the system."
-    if ratio == -1:
-        return " The multipliers have the opposite sign."
+    if ratio in (1, -1):
+        return "" if ratio == 1 else " The multipliers have the opposite sign."
     return f" Their multipliers are {ratio} times those of the system."
 
 
-def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
-    """Return the ratios of the multipliers at a sample, in the order of the constraints.
-
-    Empty if no ratios make the equations hold.
-    """
+def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
+    """Return the ratios of an equation's multipliers to those of the system at a sample, None where it has none."""
     n = len(sample.mass)
-    multiples: list[Any] = [None] * len(sample.multipliers)
-    for row in rows:
-        slopes, rest = row.numbers(sample)
-        weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
-        exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
-        terms = [slope * a for slope, a in zip(slopes, sample.accelerations, strict=False)]
-        terms += [-part * multiplier for part, multiplier in zip(exerted, sample.multipliers, strict=True)]
-        if abs(sum(terms) + rest) > HELD * (sum(map(abs, terms)) + abs(rest)):
-            return []  # other terms than those of multipliers are wrong
-        size = max(map(abs, exerted), default=0)
-        for j, (part, slope) in enumerate(zip(exerted, slopes[n:], strict=True)):
-            none = abs(part) <= HELD * size
-            if none != (slope == 0):
-                return []
-            if none:
-                continue
-            multiple = -part / slope
-            known = multiples[j]
-            if known is not None and abs(multiple - known) > HELD * (abs(multiple) + abs(known)):
-                return []
-            multiples[j] = multiple
-    return [multiple for multiple in multiples if multiple is not None]
+    slopes, _ = row.numbers(sample)
+    weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
+    exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
+    size = max(map(abs, exerted), default=0)
+    return [
+        -part / slope if slope and abs(part) > HELD * size else None
+        for part, slope in zip(exerted, slopes[n:], strict=True)
+    ]
 
+
+NEGATIVE = 0.5
+"""Cost of a negative force, such as a tension, in units of the change of a sign."""
 
 MOST_LISTED = 4
 """Largest number of coordinates for which a message lists the whole state."""
@@ -216,6 +213,7 @@ def compare_equations(
     understood = [pair for pair in likeliest if not pair[0].aside or pair[1].holds(samples)] or likeliest
     equations, rows = [equation for equation, _ in understood], [row for _, row in understood]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
+    pulling = any(not str(letter).startswith("lam") for letter in letters.values())
 
     def written(expression: Any) -> str:
         return write(expression.xreplace(letters))
@@ -224,7 +222,7 @@ def compare_equations(
     samples += further
     remark = ""
     with budget.limited(budget.SECONDS):
-        result, alone = _compared(derivation, rows, samples, untried, written)
+        result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling)
         with suppress(budget.BudgetSpent):
             budget.check_size(*(row.zero for row in rows))
             slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
@@ -279,21 +277,20 @@ def _compared(
     samples: Sequence[MotionSample],
     untried: Sequence[Way],
     write: Write,
+    *,
+    pulling: bool,
 ) -> tuple[EquationsComparison, bool]:
     """Return the result for one reading of each equation, and True if exactly one term is wrong.
 
-    `untried` lists outcomes of switches that no sample has.
+    `untried` lists outcomes of switches that no sample has. `pulling` is true if multipliers were typed as forces, T.
     """
     statement = rows[0].statement
-    wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
-    names = len(statement.names)
-    # The list of equations may also contain the constraints, and equations without multipliers that hold.
-    open_rows = [row for i, row in enumerate(rows) if i in wrong or any(list(row.slopes.values())[names:])]
-    moving = all(any(rows[i].slopes.values()) for i in wrong)
-    multiples = multiples_of_multipliers(open_rows, samples) if wrong and moving else None
-    wrong = () if multiples else wrong
-    if wrong:
-        rows, wrong, term = _blamed(rows, wrong, derivation, samples, write)
+    choices = [(chosen, _wrong(rows, chosen)) for chosen in with_multiples(rows, samples)]
+    right = next((chosen for chosen, wrong in choices if not wrong), None)
+    if right is None:
+        turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
+        choices += [(turned, _wrong(rows, turned))] if statement.constraints else []
+        wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
     missing = _missing(rows, samples[0])
     if missing:
@@ -302,8 +299,11 @@ def _compared(
     idle = _idle(rows, samples)
     if idle:
         return EquationsComparison(right=False, message=idle), False
-    right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
-    message = right + (sentence_on_multipliers(multiples) if multiples else "") + _without_sample(untried, statement)
+    message = (
+        f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
+        + sentence_on_multipliers(right, samples)
+        + _without_sample(untried, statement)
+    )
     return EquationsComparison(right=True, message=message), False
 
 
@@ -317,34 +317,37 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
     return ""
 
 
+def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
+    """Return the indices of the equations that do not hold."""
+    return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
+
+
 def _blamed(
     rows: Sequence[EquationRow],
-    wrong: tuple[int, ...],
+    choices: Sequence[tuple[Sequence[MotionSample], tuple[int, ...]]],
     derivation: Derivation,
-    samples: Sequence[MotionSample],
     write: Write,
-) -> tuple[Sequence[EquationRow], tuple[int, ...], WrongTerm]:
-    """Return the equations, the indices of the wrong ones and the first wrong term; choose the sign of multipliers.
+    *,
+    pulling: bool,
+) -> tuple[tuple[int, ...], WrongTerm]:
+    """Return the indices of the wrong equations and the first wrong term, for the likeliest multipliers.
 
-    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign. The sign
-    with fewer wrong equations counts; then the one with a single wrong term; then the one with positive forces.
+    Each choice has the samples with multipliers that may be meant, and the equations that are wrong with them. Those
+    with the fewest wrong equations count; of these, the one with the cheapest change. A force that was typed by a
+    letter such as T, `pulling`, is positive.
     """
-    turned = {constraint.multiplier: -constraint.multiplier for constraint in rows[0].statement.constraints}
-    others = [row.with_symbols(turned) for row in rows] if any(row.zero.has(*turned) for row in rows) else []
-    places = tuple(i for i, row in enumerate(others) if not row.holds(samples))
-    fewest = min(len(wrong), len(places) or len(wrong))
-    choices = []
-    for sign, listed, which in ((1, rows, wrong), (-1, others, places)):
-        if len(which) == fewest:
-            writer = write if sign == 1 else lambda expression: write(expression.xreplace(turned))
-            label = listed[which[0]].label
-            term = WrongTerm(f"{label[0].upper()}{label[1:]} does not hold. {budget.UNNAMED}")
+    fewest = min(len(wrong) for _, wrong in choices if wrong)
+    ranked = []
+    for place, (chosen, wrong) in enumerate(choices):
+        if len(wrong) == fewest:
+            row = rows[wrong[0]]
+            term = WrongTerm(f"{row.label[0].upper()}{row.label[1:]} does not hold. {budget.UNNAMED}")
             with suppress(budget.BudgetSpent):
-                budget.check_size(listed[which[0]].zero)
-                term = wrong_term(listed[which[0]], derivation, samples, writer)
-            negative = any(sign * force < 0 for sample in samples for force in sample.multipliers)
-            choices.append(((not term.alone, negative, -which[0]), (listed, which, term)))
-    return min(choices, key=lambda choice: choice[0])[1]
+                budget.check_size(row.zero)
+                term = wrong_term(row, derivation, chosen, write)
+            negative = pulling and sum(sum(sample.multipliers) for sample in chosen) < 0
+            ranked.append(((term.cost + NEGATIVE * negative, place), (wrong, term)))
+    return min(ranked, key=lambda choice: choice[0])[1]
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:

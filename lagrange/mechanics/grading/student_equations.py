@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -90,9 +90,7 @@ class _EquationReader:
         self.names |= {p.name: p for p in statement.parameters}
         self.given = dict(statement.prescribed)
         self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
-        turned = shorthands(statement.rotations)
-        turned |= {f"{name}_dot": f.diff(t) for name, f in turned.items()}
-        self.names |= {name: in_full(f).xreplace(self.plain) for name, f in turned.items()}
+        self.names |= {symbol.name: symbol for symbol in abbreviations(statement)}
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
         letters = [letter for letter in FORCES if letter not in self.names]
@@ -189,6 +187,17 @@ def _given_name(leaf: Any) -> str:
     return f"{name_of(leaf.expr)}_{'d' * len(leaf.variables)}ot"
 
 
+@lru_cache(maxsize=1)
+def abbreviations(statement: Statement) -> dict[Any, Any]:
+    """Return {symbol: value in plain symbols} for the entries and rates of rotations, and for their derivatives.
+
+    An equation keeps these symbols, such as R_body_x and R_body_x_dot, so that its terms are those that were typed.
+    """
+    turned = shorthands(statement.rotations)
+    turned |= {f"{name}_dot": f.diff(t) for name, f in turned.items()}
+    return {sympy.Symbol(name, real=True): in_full(f).xreplace(statement.plain) for name, f in turned.items()}
+
+
 DIGITS = 40
 """Decimal digits of evaluations; the accelerations are accurate to about 30 digits."""
 
@@ -207,8 +216,9 @@ every state.
 class EquationRow:
     """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
 
-    The unknowns are accelerations and multipliers. `right` is the right side as it was typed; its terms have the
-    opposite sign in `zero`. `differentiated` are the expressions whose time derivative was typed.
+    The unknowns are accelerations and multipliers. `sides` are the left and the right side as they were typed, with
+    symbols for the rates of rotations; terms of the right one have the opposite sign in `zero`. `differentiated` are
+    the expressions whose time derivative was typed.
     """
 
     statement: Statement
@@ -216,8 +226,13 @@ class EquationRow:
     zero: Any
     slopes: Mapping[Any, Any]
     rest: Any
-    right: Any = sympy.S.Zero
+    sides: tuple[Any, Any] = (sympy.S.Zero, sympy.S.Zero)
     differentiated: tuple[Any, ...] = ()
+
+    @property
+    def right(self) -> Any:
+        """The right side as it was typed."""
+        return self.sides[1]
 
     @cached_property
     def _tape(self) -> Precise:
@@ -236,14 +251,6 @@ class EquationRow:
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
-
-    def with_symbols(self, table: Mapping[Any, Any]) -> EquationRow:
-        """Return the equation with multipliers replaced by a table {multiplier: multiple of it}."""
-        slopes = {
-            symbol: slope * sympy.diff(table.get(symbol, symbol), symbol) for symbol, slope in self.slopes.items()
-        }
-        zero, right = (side.xreplace(table) for side in (self.zero, self.right))
-        return replace(self, zero=zero, slopes=slopes, right=right)
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the values of the coefficients and of the rest at a sample. Raises OutsideDomain if one has none."""
@@ -305,13 +312,14 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
-    if equation.zero.has(sympy.DiracDelta):
+    zero = equation.zero.xreplace(abbreviations(statement))
+    if zero.has(sympy.DiracDelta):
         raise StatementError(
             f"{equation.label} has the derivative of a jump, such as heaviside, which is not a function."
         )
     unknowns = unknowns_of(statement)
-    present = [symbol for symbol in unknowns if equation.zero.has(symbol)]
-    slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}
+    present = [symbol for symbol in unknowns if zero.has(symbol)]
+    slopes = {symbol: sympy.diff(zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}
     bent = [
         symbol
         for symbol in present
@@ -325,8 +333,9 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
         )
     zeros = dict.fromkeys(present, sympy.S.Zero)
     slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}
-    rest = equation.zero.xreplace(zeros)
-    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right, equation.differentiated)
+    rest = zero.xreplace(zeros)
+    sides = (equation.zero + equation.right, equation.right)
+    return EquationRow(statement, equation.label, zero, slopes, rest, sides, equation.differentiated)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

@@ -90,13 +90,13 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
         return Difference(EXTRA, there, wanted)
     ratio = ratio_of(numbers(there), numbers(wanted))
     if ratio is not None:
-        right = wanted if there.has(sympy.Float) else _times(1 / ratio, there)
+        right = wanted if there.has(sympy.Float) else scaled_by(1 / ratio, there)
         return Difference(SCALED, there, right, ratio, whole=True)
     off = numbers(there - wanted)
     scaled = scaled_product(there, off, numbers)
     if scaled is not None:
         return scaled
-    for terms_of in (summands, _opened, _expanded):
+    for terms_of in (summands, _opened, expanded):
         difference = _one_term(terms_of(there), terms_of(wanted), off, numbers)
         if difference is not None:
             return difference
@@ -125,7 +125,7 @@ def scaled_term(term: Any, off: Numbers | None, values: Numbers | None) -> Diffe
     `off` has the values of typed minus right coefficient.
     """
     share = ratio_of(off, values)
-    return None if share in (None, 1) else Difference(SCALED, term, _times(1 - share, term), 1 / (1 - share))
+    return None if share in (None, 1) else Difference(SCALED, term, scaled_by(1 - share, term), 1 / (1 - share))
 
 
 def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:
@@ -152,7 +152,7 @@ def _one_term(
         if factor == -1:
             return Difference(MISSING, sympy.S.Zero, term)
         if factor is not None:
-            return Difference(SCALED, _times(factor + 1, term), term, factor + 1)
+            return Difference(SCALED, scaled_by(factor + 1, term), term, factor + 1)
     for term, value in typed:
         if ratio_of(off, value) == 1:
             return Difference(EXTRA, term, sympy.S.Zero)
@@ -206,7 +206,7 @@ def _opened(expression: Any) -> tuple[Any, ...]:
     return summands(_without_sums(expression))
 
 
-def _expanded(expression: Any) -> tuple[Any, ...]:
+def expanded(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after full expansion, powers and denominators included.
 
     An expression with a large power of a sum is its only term.
@@ -227,7 +227,7 @@ def _without_sums(expression: Any) -> Any:
     return expression if any(factor > LARGEST_MULTIPLE for factor in factors) else sympy.expand_trig(expression)
 
 
-def _times(number: Fraction, expression: Any) -> Any:
+def scaled_by(number: Fraction, expression: Any) -> Any:
     """Return a number times an expression, distributed over the terms of a sum.
 
     Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).

@@ -3,80 +3,123 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import combinations
 from typing import Any
 
 import sympy
 
 from lagrange.equations.derivation import Derivation
-from lagrange.errors import StatementError
-from lagrange.mechanics.grading.motion_samples import MotionSample
-from lagrange.mechanics.grading.student_equations import EquationRow, StudentEquation, along_motion, row_of
-from lagrange.mechanics.grading.term_difference import Write, summands
-from lagrange.mechanics.plain_form import simplest
-from lagrange.statement.coordinate import t
+from lagrange.errors import StatementError, listing
+from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.precise import OutsideDomain
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
+from lagrange.mechanics.grading.one_change import Change
+from lagrange.mechanics.grading.student_equations import (
+    EquationRow,
+    StudentEquation,
+    along_motion,
+    row_of,
+    tape,
+    values_at,
+)
+from lagrange.mechanics.grading.term_difference import MISSING, WRONG, Write, expanded
+from lagrange.statement.coordinate import constraint_of, t
+from lagrange.statement.rotation import shorthands
 
 
-def wrong_part(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on the only wrong part of an equation if that is more than a term, else ""."""
-    return (
-        _wrong_denominator(row, derivation, samples, write)
-        or _wrong_factor(row, derivation, samples, write)
-        or _wrong_momentum(row, derivation, samples, write)
-    )
+def right_terms(derivation: Derivation) -> list[Any]:
+    """Return the terms of the equations of motion, the constraints, their rates and the masses, in plain symbols.
+
+    Rates of rotations stay symbols. Terms of equations that are too large to write out are omitted.
+    """
+    statement = derivation.statement
+    rates = {f: sympy.Symbol(name, real=True) for name, f in shorthands(statement.rotations).items()}
+    rates |= {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
+    zeros = [constraint.expression.xreplace(statement.plain) for constraint in statement.constraints]
+    zeros += [along_motion(zero, statement) for zero in zeros]
+    zeros += [along_motion(zero, statement) for zero in zeros[len(statement.constraints) :]]
+    with suppress(StatementError):
+        laws = [(law.lhs - law.rhs).xreplace(rates).xreplace(statement.plain) for law in derivation.equations]
+        zeros = laws + zeros + [entry.xreplace(statement.plain) for entry in derivation.mass_matrix]
+    return [term for zero in zeros for term in (*sympy.Add.make_args(zero), *expanded(zero))]
+
+
+def right_denominators(derivation: Derivation) -> list[Any]:
+    """Return the denominators of the accelerations, in plain symbols, unless they are too large to write out."""
+    statement = derivation.statement
+    if statement.constraints or statement.rotations:
+        return []
+    with suppress(StatementError):
+        solved = [a for a in derivation.accelerations.values() if a.count_ops() <= LONGEST_SOLVED]
+        below = [sympy.fraction(sympy.together(a.xreplace(statement.plain)))[1] for a in solved]
+        return list(dict.fromkeys(below))
+    return []
+
+
+def told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
+    """Return a sentence on the only wrong term of an equation, with its signs as they were typed."""
+    place, difference = change.place, change.difference
+    start = place_of(_meant(change.row, sample), row)
+    if place.below:
+        return f"{start} the denominator {write(place.whole)} is wrong: it should be {write(change.corrected)}."
+    side, other = (row.sides[k] for k in (place.side, 1 - place.side))
+    right = " on the right side" if place.side and other != 0 else ""
+    solved = place.side and other in list(row.slopes)[: len(sample.accelerations)]
+    if solved and difference.there == side and (side.is_Add or (side.has(sympy.Add) and difference.ratio == -1)):
+        factor = sympy.cancel(difference.there / difference.wanted)
+        if factor.count_ops() <= LONGEST_FACTOR:
+            return f"{start} the right side {_told_factor(factor, write)}"
+    if difference.kind == WRONG and not place.path:
+        (above, below), (other, right_below) = map(sympy.fraction, (difference.there, difference.wanted))
+        if below.is_Add and above == other:
+            return f"{start} the denominator {write(below)} is wrong: it should be {write(right_below)}."
+    told = difference.told(place.around, 1, write)
+    name = next((constraint_of(x) for x in difference.wanted.free_symbols if constraint_of(x) is not None), None)
+    if difference.kind == MISSING and name is not None:
+        told = told.replace(" is missing.", f", the force of the constraint {name}, is missing.")
+    return f"{start}{right} {told}"
+
+
+def _meant(row: EquationRow, sample: MotionSample) -> str:
+    """Return the name of the coordinate of which a right equation is, or of the coordinates or the constraint."""
+    names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
+    still = not any(row.slopes.values()) and not sample.first_order
+    slopes = row.leading(sample)
+    along = values_at(tape([sympy.diff(row.zero, q) for q in plain[::3]], row.statement), sample) if still else slopes
+    for constraint, line in zip(row.statement.constraints, sample.gradient, strict=False):
+        if not any(slopes[len(names) :]) and _parallel(along[: len(names)], line):
+            return f"the constraint {constraint.name}"
+    left = row.sides[0].as_coeff_Mul()[1]
+    if left in unknowns[: len(names)] or (sample.first_order and left in plain[1::3]):
+        return names[plain.index(left) // 3]
+    if row.statement.rotations or not any(slopes[: len(names)]):
+        return ""
+    try:
+        weights = solve_dense(sample.mass, slopes[: len(names)], SINGULAR)
+    except OutsideDomain:
+        return ""
+    used = [name for name, w in zip(names, weights, strict=True) if abs(w) > SINGULAR * max(map(abs, weights))]
+    return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
 
 
 def place_of(name: str, row: EquationRow) -> str:
     """Return the begin of a sentence about an equation, with the name of its coordinate unless the label has it."""
-    return f"In {row.label}" + ("" if name in row.label else f", that of {name},")
+    return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
+
+
+def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
+    """Return True if two vectors that are not zero have the same or opposite directions."""
+    size = max(map(abs, left)) * max(map(abs, right))
+    pairs = combinations(zip(left, right, strict=True), 2)
+    return size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
 
 
 LONGEST_SOLVED = 300
 """Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
 
-LONGEST_QUOTIENT = 6
-"""Largest number of operations in the quotient of two numerators for which it counts as a common factor."""
-
-
-def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if only the denominator of a solved equation's right side is wrong, else "".
-
-    At least one term of the typed denominator has to be right, or the whole numerator. Otherwise the numerator may be
-    the wrong part.
-    """
-    above, below = sympy.fraction(sympy.factor_terms(row.right))
-    typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), below)
-    for name, acceleration, solved in _solutions(row, derivation) if typed.free_symbols else ():
-        numerator, denominator = sympy.fraction(sympy.together(solved))
-        quotient = simplest(above * typed / below / numerator)
-        if quotient.count_ops() > LONGEST_QUOTIENT:
-            continue
-        expected = sympy.Add(*summands(quotient * denominator))
-        same = quotient in (1, -1) and (typed.is_Add or above.is_Add)
-        if sympy.expand(expected + typed) == 0:
-            continue  # the right side has the wrong sign
-        if not same and not set(summands(typed)) & set(sympy.Add.make_args(expected)):
-            continue
-        if _holds(row, acceleration, above * typed / below / expected, samples):
-            return f"{place_of(name, row)} the denominator {write(typed)} is wrong: it should be {write(expected)}."
-    return ""
-
-
-def _wrong_factor(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if the right side of a solved equation is a constant or a denominator times the right one.
-
-    It is "" otherwise. A side with one term is left to the search for a wrong term.
-    """
-    typed = summands(row.right)
-    state = {*row.statement.plain.values(), t}
-    for name, acceleration, solved in _solutions(row, derivation) if len(typed) > 1 else ():
-        denominator = sympy.fraction(sympy.together(solved))[1]
-        for term in summands(solved):
-            factor = sympy.cancel(typed[0] / term)
-            if factor == 0 or (factor.free_symbols & state and not (factor / denominator).is_number):
-                continue
-            if _holds(row, acceleration, row.right / factor, samples):
-                return f"{place_of(name, row)} the right side {_told_factor(factor, write)}"
-    return ""
+LONGEST_FACTOR = 12
+"""Largest number of operations of a factor of a side that a message quotes."""
 
 
 def _told_factor(factor: Any, write: Write) -> str:
@@ -91,12 +134,7 @@ def _told_factor(factor: Any, write: Write) -> str:
     return f"has the wrong factor: it is {write(factor)} times what it should be."
 
 
-def _holds(row: EquationRow, acceleration: Any, right: Any, samples: Sequence[MotionSample]) -> bool:
-    """Return True if the equation acceleration = right holds at all samples."""
-    return row_of(StudentEquation(row.label, acceleration - right, right), row.statement).holds(samples)
-
-
-def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence if only an expression under a typed d/dt is wrong, else ""."""
     for typed in row.differentiated:
         for name, expected in _momenta(derivation, typed):
@@ -125,25 +163,3 @@ def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
         for constant in dict.fromkeys((sign, factor)):
             if constant.is_finite is not False and constant != 0:
                 yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
-
-
-def _solutions(row: EquationRow, derivation: Derivation) -> Iterator[tuple[str, Any, Any]]:
-    """Yield name, acceleration and right solution of an equation with an acceleration alone on its left side.
-
-    The solution is free of other accelerations, or that of one equation of motion. One that is too long is left out.
-    """
-    names, unknowns = row.statement.names, list(row.slopes)
-    left = row.zero + row.right
-    if left not in unknowns[: len(names)] or row.right.has(left):
-        return
-    place = unknowns.index(left)
-    several = row.right.has(*unknowns)
-    try:
-        law = derivation.equations[place]
-        zero = (law.lhs - law.rhs).xreplace(row.statement.plain)
-        solved = left - zero / sympy.diff(zero, left) if several else list(derivation.accelerations.values())[place]
-    except StatementError:
-        return
-    solved = sympy.expand(solved) if several else solved.xreplace(row.statement.plain)
-    if solved.count_ops() + row.right.count_ops() <= LONGEST_SOLVED:
-        yield names[place], left, solved

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -12,11 +13,10 @@ import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
-from lagrange.mechanics.grading.budget import check_budget
-from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
+from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
+from lagrange.mechanics.grading.one_change import one_change
 from lagrange.mechanics.grading.student_equations import (
     EquationRow,
     StudentEquation,
@@ -37,11 +37,10 @@ from lagrange.mechanics.grading.term_difference import (
     ratio_of,
     same,
     scaled_product,
-    scaled_term,
     spread,
     summands,
 )
-from lagrange.mechanics.grading.wrong_side import place_of, wrong_part
+from lagrange.mechanics.grading.wrong_side import place_of, right_denominators, right_terms, told_change, wrong_momentum
 from lagrange.mechanics.plain_form import simplest
 from lagrange.statement.coordinate import constraint_of
 from lagrange.statement.statement import Statement
@@ -168,57 +167,49 @@ left side, such as theta_ddot = ...: there the right side is wrong."""
 
 @dataclass(frozen=True)
 class WrongTerm:
-    """Sentence on the error of an equation. `alone` is true if exactly one term of the equation differs."""
+    """Sentence on the error of an equation. `alone` is true if exactly one term of the equation differs.
+
+    `cost` is that of the change of this term, infinite for several.
+    """
 
     sentence: str
     alone: bool = False
+    cost: float = math.inf
 
 
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
     """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
-    if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
+    constraints = row.statement.constraints
+    still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
+    if still and not constraints:
         name = row.statement.names[0]
         return WrongTerm(
             f"{label} does not hold, and contains no acceleration such as {name}'' or {name}_ddot: it is not an "
             "equation of motion."
         )
-    part = wrong_part(row, derivation, samples, write)
+    part = wrong_momentum(row, derivation, samples, write)
     if part:
-        return WrongTerm(part, alone=True)
+        return WrongTerm(part, alone=True, cost=0.0)
+    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
+    if change is not None:
+        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
+    if still:
+        listed = [f"{one.name}, {write(one.expression.xreplace(row.statement.plain))} = 0" for one in constraints]
+        which = "the constraint is" if len(listed) == 1 else "the constraints are"
+        return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
     given = _Sorted.of(row.zero, row.statement, samples, _solved_for(row, samples[0]))
     if given is None or row.statement.rotations:
         return WrongTerm(f"{label} does not hold.")
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
-    if meant is None or meant.differing_terms > 1:
-        others = list(_combined(row, given, derivation))
-        if meant is None or meant.differing_terms > NEAR * meant.agreeing:
-            others += _candidates(given, _solved_rows(derivation))
+    if meant is None or meant.differing_terms > NEAR * meant.agreeing:
+        others = _candidates(given, _solved_rows(derivation))
         nearest = [match for match in (meant, _nearest(given, others)) if match is not None]
         meant = min(nearest, key=lambda match: match.rank[:3], default=None)
     if meant is None or not meant.agreeing:
         return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
     product, difference = meant.finding()
-    alone = meant.differing_terms == 1 or (len(meant.differing) == 1 and not difference.whole_is_wrong)
-    scaled = _scaled_along_motion(row, product, difference, samples)
-    return WrongTerm(_sentence(meant.name, product, scaled or difference, row, write), alone or scaled is not None)
-
-
-def _scaled_along_motion(
-    row: EquationRow, product: Any, difference: Difference, samples: Sequence[MotionSample]
-) -> Difference | None:
-    """Return the difference by a factor if with it a wrong term makes the equation hold along the motion, else None.
-
-    An example is mu*N with the wrong sign, where N equals m*g.
-    """
-    if difference.kind != WRONG:
-        return None
-    term = row_of(StudentEquation(row.label, difference.there * product), row.statement)
-    try:
-        residuals, values = ([one.residual(sample)[0] for sample in samples] for one in (row, term))
-    except OutsideDomain:
-        return None
-    return scaled_term(difference.there, residuals, values)
+    return WrongTerm(_sentence(meant.name, product, difference, row, write))
 
 
 def _sentence(name: str, product: Any, difference: Difference, row: EquationRow, write: Write) -> str:
@@ -303,11 +294,10 @@ def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
     terms = spread(zero, lambda factor: factor.has(*moving))
     if terms is None:
         return None
-    listed: dict[Any, list[Any]] = {}
+    coefficients: dict[Any, Any] = {}
     for term in terms:
         coefficient, product = term.as_independent(*moving, as_Add=False)
-        listed.setdefault(product, []).append(coefficient)
-    coefficients = {product: sympy.Add(*parts) for product, parts in listed.items()}
+        coefficients[product] = coefficients.get(product, 0) + coefficient
     return {product: value for product, value in coefficients.items() if value != 0}
 
 
@@ -335,7 +325,6 @@ def _side(row: EquationRow, product: Any, difference: Difference) -> tuple[str, 
 
 def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
     """Return the values of each expression at the samples, or None if one of them has no value."""
-    check_budget()
     try:
         program = tape(expressions, statement)
         columns = [values_at(program, sample) for sample in samples]
@@ -395,53 +384,6 @@ def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Can
                 if all(below):
                     ratio = [a / b for a, b in zip(given.values[product], below, strict=True)]
                     yield name, expected, _Factor(ratio, product)
-
-
-def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[Candidate]:
-    """Yield the sum of equations whose accelerations are those of an equation, with factors.
-
-    Its weights are constant, or eliminate an acceleration of one equation by another.
-    """
-    weights: list[Numbers] = []
-    for sample in given.samples:
-        try:
-            slopes, _ = row.numbers(sample)
-            weights.append(solve_dense(sample.mass, slopes[: len(sample.mass)], SINGULAR))
-        except OutsideDomain:
-            return
-    first = max(range(len(weights[0])), key=lambda i: min(abs(row[i]) for row in weights))
-    if any(not row[first] for row in weights):
-        return
-    stated = _stated_rows(derivation)
-    if not stated:
-        return
-    factors: list[Any] = []
-    for i in range(len(stated)):
-        factor = _weight([row[i] / row[first] for row in weights], derivation, (first, i), given)
-        if factor is None:
-            return
-        factors.append(factor)
-    used = [i for i, factor in enumerate(factors) if factor != 0]
-    if len(used) > 1:
-        zero = sympy.expand(sympy.Add(*(factors[i] * stated[i][1] for i in used)))
-        yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", zero)])
-
-
-def _weight(values: Numbers, derivation: Derivation, pair: tuple[int, int], given: _Sorted) -> Any:
-    """Return the weight of the second equation of a pair in a sum where that of the first is 1, or None.
-
-    It has the values at the samples, and is a fraction, or eliminates an acceleration of one of the two by the other.
-    """
-    constant = constant_of([value if abs(value) > SINGULAR else 0 * value for value in values])
-    if constant is not None:
-        return sympy.Rational(constant)
-    first, other = pair
-    mass = derivation.mass_matrix.xreplace(derivation.statement.plain)
-    for above, below in ((mass[first, other], mass[other, other]), (mass[first, first], mass[other, first])):
-        numbers = given.numbers(-above / below) if below != 0 else None
-        if numbers is not None and same(values, numbers):
-            return -above / below
-    return None
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:

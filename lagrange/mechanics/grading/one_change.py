@@ -1,0 +1,430 @@
+"""The single change of one term that makes a wrong equation right, found from its values along the true motion.
+
+Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by
+how much the sum has to change. A change that is the same small fraction of one term at all samples, or that fraction
+times few powers of symbols, names this term. The equations of motion, the constraints, the multipliers and the rates
+of rotations enter as numbers only, so all kinds of systems are treated alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError
+from lagrange.evidence.precise import OutsideDomain, Precise
+from lagrange.mechanics.grading.motion_samples import MotionSample
+from lagrange.mechanics.grading.student_equations import (
+    DIGITS,
+    EquationRow,
+    StudentEquation,
+    abbreviations,
+    row_of,
+    unknowns_of,
+)
+from lagrange.mechanics.grading.term_difference import (
+    EXTRA,
+    LARGEST_FACTOR,
+    MISSING,
+    SCALED,
+    WRONG,
+    Difference,
+    Numbers,
+    constant_of,
+    expanded,
+    scaled_by,
+)
+from lagrange.statement.coordinate import constraint_of
+
+MOST_FACTORS = 26
+"""Largest number of different factors whose powers a change may contain: 6,000 pairs of powers."""
+
+MOST_TRIPLED = 12
+"""Largest number of factors of which products of three are tried: 1,800 products."""
+
+MOST_MODELS = 120
+"""Largest number of right terms that a missing or replaced term may be a multiple of."""
+
+LONGEST = 600
+"""Largest number of operations of an equation whose terms are changed."""
+
+CLOSE = 1e-9
+"""Largest difference of logarithms that are equal: those of doubles agree to 1e-14."""
+
+NONE = 1e-20
+"""Magnitude, relative to its parts, below which a sum is zero: the accelerations have about 30 digits."""
+
+SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
+"""Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term."""
+
+SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
+"""Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
+
+OF_SIDE, OF_RATE, OF_SOLVED, DENOMINATOR = 0.45, 0.15, 5.0, 0.1
+"""Added costs of a change of a whole sum, of a term with an acceleration, of a left side that is a lone acceleration,
+and in a denominator."""
+
+NEW_RATE, NEW_FORCE = 1.0, 0.5
+"""Added costs of an acceleration and of a multiplier that the equation does not have elsewhere."""
+
+NATURAL, FORCE, TURNED, NUMBERED = -0.3, -0.28, -0.1, 0.05
+"""Added costs of a corrected term that is a right term, of one with a multiplier, of one that has the opposite sign,
+and of one with a number."""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A sum of an equation: the side it is on (0 left, 1 right), the path of arguments to it, and its terms.
+
+    `around` is the product of the factors around it; `below` is true in a denominator.
+    """
+
+    side: int
+    path: tuple[int, ...]
+    whole: Any
+    around: Any = sympy.S.One
+    below: bool = False
+
+    @property
+    def terms(self) -> tuple[Any, ...]:
+        """The terms of the sum."""
+        return tuple(sympy.Add.make_args(self.whole))
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a sum that makes the equation right; `row` is the right equation.
+
+    `difference` is that of a term of the sum, or of the whole sum.
+    """
+
+    place: Sum
+    difference: Difference
+    cost: float
+    row: EquationRow
+
+    @property
+    def corrected(self) -> Any:
+        """The sum with the right term in it."""
+        return self.place.whole - self.difference.there + self.difference.wanted
+
+
+def one_change(
+    row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
+) -> Change | None:
+    """Return the cheapest change of one term with which an equation holds at all samples, or None.
+
+    `models` are right terms, in plain symbols, of which a missing or a replaced term may be a multiple. `denominators`
+    are those of the accelerations.
+    """
+    if sum(side.count_ops() for side in row.sides) > LONGEST:
+        return None
+    try:
+        search = _Search(row, samples, models, denominators)
+        choices = sorted(search.choices(), key=lambda choice: choice[0])
+    except OutsideDomain:
+        return None
+    for cost, place, difference in choices[:40]:
+        corrected = search.corrected(place, difference)
+        if corrected is not None and corrected.holds(samples) and not _is_empty(corrected, row, samples[0]):
+            return Change(place, difference, cost, corrected)
+    return None
+
+
+def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
+    """Return True if an equation says nothing, as x'' = x'', or has no acceleration that `row` has."""
+    if not any(row.slopes.values()):
+        return bool(sympy.expand(corrected.zero) == 0)
+    slopes = corrected.numbers(sample)[0]
+    return bool(max(map(abs, slopes)) <= NONE * max(map(abs, row.numbers(sample)[0])))
+
+
+def _sums(side: int, expression: Any) -> Iterator[Sum]:
+    """Yield the sums of a side: the side itself, and those in its products, powers of -1 and brackets."""
+    waiting = [Sum(side, (), expression)]
+    while waiting:
+        place = waiting.pop()
+        yield place
+        for k, term in enumerate(place.terms):
+            path = (*place.path, k) if place.whole.is_Add else place.path
+            factors = list(enumerate(term.args)) if term.is_Mul else [(None, term)]
+            for i, factor in factors:
+                inner = path if i is None else (*path, i)
+                others = [other for j, other in factors if j != i]
+                around = place.around * sympy.Mul(*others)
+                if factor.is_Add and (factor is not place.whole):
+                    waiting.append(Sum(side, inner, factor, around, place.below))
+                elif factor.is_Pow and factor.exp == -1:
+                    waiting.append(Sum(side, (*inner, 0), factor.base, below=True))
+
+
+def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
+    """Return an expression with the part at a path of arguments replaced."""
+    if not path:
+        return part
+    first, *rest = path
+    args = list(expression.args)
+    args[first] = _with(args[first], rest, part)
+    return expression.func(*args)
+
+
+class _Search:
+    """Values of an equation, of its sums and of the factors that changes may contain, at all samples."""
+
+    def __init__(
+        self,
+        row: EquationRow,
+        samples: Sequence[MotionSample],
+        models: Sequence[Any],
+        denominators: Sequence[Any],
+    ) -> None:
+        self.row, self.samples = row, samples
+        self.unknowns = unknowns_of(row.statement)
+        self.abbreviations = abbreviations(row.statement)
+        velocities = list(row.statement.plain.values())[1::3]
+        self.rates = [symbol for symbol, value in self.abbreviations.items() if value.has(*self.unknowns)]
+        self.rates += [velocities[i] for i in samples[0].first_order]
+        self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side])]
+        self.right = {sympy.Add(*expanded(term)) for term in models}
+        self.forces = self.unknowns[len(row.statement.names) :]
+        self.leading = int(not any(row.sides[0].has(x) for x in (*self.unknowns, *self.rates)))
+        self.absent = [symbol for symbol in self.unknowns if not row.zero.has(symbol)]
+        moving = [*self.unknowns, *velocities]
+        still = not row.zero.has(*moving)  # a constraint has no rates
+        fitting = [term for term in models if not (still and term.has(*moving))]
+        self.models = list(dict.fromkeys(term.as_coeff_Mul()[1] for term in fitting))[:MOST_MODELS]
+        self.bases = self._bases(denominators)
+
+    def values(self, expressions: Sequence[Any]) -> list[Numbers]:
+        """Return the values of expressions at the samples. Raises OutsideDomain if one has none."""
+        stated = {symbol: leaf for leaf, symbol in self.row.statement.plain.items()}
+        plain = {symbol: stated[symbol] for symbol in stated if symbol not in self.unknowns}
+        inputs = [sympy.Dummy() for _ in self.unknowns]
+        table = plain | dict(zip(self.unknowns, inputs, strict=True))
+        listed = [expression.xreplace(self.abbreviations).xreplace(table) for expression in expressions]
+        program = Precise(listed, self.row.statement, DIGITS, inputs)
+        columns = []
+        for sample in self.samples:
+            point, number = sample.point, program.context.mpf
+            solved = zip(inputs, (*sample.accelerations, *sample.multipliers), strict=True)
+            numbers = {p: number(x) for p, x in point.parameters.items()} | {z: number(x) for z, x in solved}
+            columns.append(program(point.q, point.v, point.t, numbers))
+        return [list(line) for line in zip(*columns, strict=True)]
+
+    def _bases(self, denominators: Sequence[Any]) -> list[Any]:
+        """Return the factors of all terms without their powers, those of typed terms first."""
+        typed = [term * place.around for place in self.places for term in place.terms]
+        self.typed = {factor.as_base_exp()[0] for term in typed for factor in sympy.Mul.make_args(term)}
+        every: dict[Any, None] = {}
+        for term in (*typed, *self.models, *denominators):
+            for factor in sympy.Mul.make_args(term):
+                base = factor.as_base_exp()[0]
+                if base.is_number or (base.is_Add and len(base.args) > 4):
+                    continue
+                every[base] = None
+                if isinstance(base, (sympy.sin, sympy.cos)):
+                    every |= {sympy.sin(base.args[0]): None, sympy.cos(base.args[0]): None}
+        symbols = dict.fromkeys(self.row.statement.parameters) | every
+        return list(every | symbols if len(symbols) <= MOST_FACTORS else every)[:MOST_FACTORS]
+
+    @cached_property
+    def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
+        """Products of powers as ((index of a base, exponent), ...), their centred logarithms, and their costs."""
+        values = self.values(self.bases)
+        usable = [i for i, line in enumerate(values) if all(line)]
+        powers = [[(i, e)] for i in usable for e in (1, -1, 2, -2)]
+        keys: list[tuple[tuple[int, int], ...]] = [(), *(tuple(power) for power in powers)]
+        keys += [((i, e), (j, f)) for i, j in combinations(usable, 2) for e, f in product((1, -1, 2, -2), repeat=2)]
+        if len(usable) <= MOST_TRIPLED:
+            signs = [*product((1, -1), repeat=3)]
+            keys += [tuple(zip(chosen, sign, strict=True)) for chosen in combinations(usable, 3) for sign in signs]
+        logs = {i: _centred(values[i]) for i in usable}
+        zero = np.zeros(len(self.samples))
+        table = np.array([sum((e * logs[i] for i, e in key), zero) for key in keys])
+        return keys, table, [self._price(key) for key in keys]
+
+    def _price(self, key: Sequence[tuple[int, int]]) -> float:
+        """Return the cost of a product of powers."""
+        bases = [self.bases[i] for i, _ in key]
+        if len(key) == 2 and {e for _, e in key} == {1, -1}:
+            kinds = {type(base) for base in bases}
+            if kinds == {sympy.sin, sympy.cos} and bases[0].args == bases[1].args:
+                return SWAPPED
+            if not any(base.is_Add for base in bases) and len({base.has(*self.unknowns) for base in bases}) == 1:
+                return POWER + SWAPPED
+        unlikely: int = sum(base.has(*self.unknowns) or (base.is_Add and base not in self.typed) for base in bases)
+        return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * unlikely
+
+    def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
+        """Yield (cost, number, product of powers) of which values are the product at all samples."""
+        if not all(values):
+            return
+        keys, table, prices = self.products
+        near = np.nonzero(np.abs(table - _centred(values)).max(axis=1) < CLOSE)[0]
+        for i in near[:20]:
+            factor = sympy.Mul(*(self.bases[k] ** e for k, e in keys[i]))
+            parts = self.values([factor])[0] if keys[i] else [1] * len(values)
+            number = constant_of([x / y for x, y in zip(values, parts, strict=True)])
+            if number:
+                yield prices[i], sympy.Rational(number), factor
+
+    def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
+        """Yield (cost, sum, difference) for all changes of one term."""
+        for cost, place, difference in self._choices():
+            wanted = difference.wanted * place.around
+            signed = sympy.Add(*expanded(wanted if place.side == self.leading else -wanted))
+            right = signed in self.right
+            if not right and -signed not in self.right:
+                known = NUMBERED * (abs(wanted.as_coeff_Mul()[0]) != 1)
+            else:
+                known = FORCE if wanted.has(*self.forces) else NATURAL if right else TURNED
+            new = [symbol for symbol in self.absent if wanted.has(symbol)]
+            foreign = max((NEW_RATE if constraint_of(symbol) is None else NEW_FORCE for symbol in new), default=0)
+            yield cost + known + foreign, place, difference
+
+    def _choices(self) -> Iterator[tuple[float, Sum, Difference]]:
+        for place, changes in self._changes():
+            lone = place.below and len(place.terms) == 1  # its factors are factors of the whole term
+            extra = DENOMINATOR * place.below
+            for term, value in zip(place.terms, self.values(place.terms), strict=True) if not lone else ():
+                extra_of_term = extra + self._doubt(place, term)
+                for cost, difference in self._of_term(term, value, changes):
+                    yield cost + extra_of_term, place, difference
+            if len(place.terms) > 1:
+                whole = self.values([place.whole])[0]
+                for cost, difference in self._of_term(place.whole, whole, changes):
+                    if difference.kind != EXTRA:
+                        yield cost + extra + OF_SIDE + self._doubt(place, place.whole), place, difference
+            rates = place.whole.has(*self.unknowns)
+            for cost, wanted in self._among_models(changes):
+                if place.path and not rates and wanted.has(*self.unknowns):
+                    continue  # an acceleration does not belong in this bracket
+                yield cost + extra + self._misplaced(place, wanted), place, Difference(MISSING, sympy.S.Zero, wanted)
+
+    def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
+        """Yield each sum with the amounts by which it has to change at the samples; others cannot mend the equation.
+
+        The residual is a fraction of two functions that are linear in the sum. Its values for the sum itself, twice
+        and three times the sum determine it.
+        """
+        left, right = self.row.sides
+        zeros = [left - right]
+        for place in self.places:
+            for times in (2, 3):
+                sides = list(self.row.sides)
+                sides[place.side] = _with(sides[place.side], place.path, times * place.whole)
+                zeros.append(sides[0] - sides[1])
+        residual, *varied = self.values(zeros)
+        wholes = self.values([place.whole for place in self.places])
+        for k, (place, whole) in enumerate(zip(self.places, wholes, strict=True)):
+            if place.whole == 0:
+                continue
+            once, twice = varied[2 * k : 2 * k + 2]
+            steps = [_root(*triple) for triple in zip(residual, once, twice, strict=True)]
+            if None not in steps:
+                yield place, [step * value for step, value in zip(steps, whole, strict=True)]
+
+    def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
+        """Yield (cost, difference) for a term whose value has to change by given amounts."""
+        if not all(value):
+            return
+        wanted = [a + b for a, b in zip(value, changes, strict=True)]
+        if all(abs(x) <= NONE * abs(a) for x, a in zip(wanted, value, strict=True)):
+            yield LEFT_OUT, Difference(EXTRA, term, sympy.S.Zero)
+            return
+        for cost, number, factor in self.multiples([x / a for x, a in zip(wanted, value, strict=True)]):
+            right = (scaled_by(number, term) if term.is_Add else number * term) * factor
+            if factor == 1:
+                right = _without_float(right)
+                yield _cost_of(number), Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
+            else:
+                plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
+                yield SIGN + cost + plain, Difference(WRONG, term, right)
+        for cost, right in self._among_models(wanted):
+            yield cost + REPLACED - MISSED, Difference(WRONG, term, right)
+
+    def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
+        """Yield (cost, term) for multiples of right terms that have given values at the samples."""
+        for model, line in self.model_values:
+            if all(line):
+                for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
+                    plain = 0 if abs(number) == 1 else 0.3
+                    yield MISSED + cost + plain, number * model * factor
+
+    @cached_property
+    def model_values(self) -> list[tuple[Any, Numbers]]:
+        """The right terms with their values at the samples."""
+        return list(zip(self.models, self.values(self.models), strict=True))
+
+    def _doubt(self, place: Sum, term: Any) -> float:
+        """Return the cost of a change that is added for the part of the equation where it is."""
+        if not term.has(*self.unknowns[: len(self.row.statement.names)], *self.rates):
+            return 0.0
+        number, rest = term.as_coeff_Mul()
+        if len(place.terms) > 1 or place.path or not rest.is_Symbol or not self.row.sides[1 - place.side].count_ops():
+            return OF_RATE
+        return OF_SOLVED if number == 1 else 0.0
+
+    def _misplaced(self, place: Sum, wanted: Any) -> float:
+        """Return the cost that is added for a missing term on the less likely side."""
+        if place.path:
+            return 0.0
+        here, there = self.row.sides[place.side], self.row.sides[1 - place.side]
+        if here == 0:
+            return OF_SOLVED
+        if there == 0:
+            return 0.0
+        rates = [all(term.has(*self.unknowns) for term in sympy.Add.make_args(side)) for side in (here, there)]
+        fits = wanted.has(*self.unknowns) == rates[0]
+        return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
+
+    def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
+        """Return the equation with a change, None if it is not linear in the unknowns then."""
+        sides = list(self.row.sides)
+        part = place.whole - difference.there + difference.wanted
+        if difference.there == place.whole:
+            part = difference.wanted
+        sides[place.side] = _with(sides[place.side], place.path, part)
+        try:
+            equation = StudentEquation(self.row.label, sides[0] - sides[1], sides[1])
+            return row_of(equation, self.row.statement)
+        except StatementError:
+            return None
+
+
+def _without_float(term: Any) -> Any:
+    """Return a term whose factor, if it is a decimal, is the nearest small fraction."""
+    number, rest = term.as_coeff_Mul()
+    if not number.is_Float:
+        return term
+    fraction = Fraction(float(number)).limit_denominator(LARGEST_FACTOR)
+    return sympy.Rational(fraction.numerator, fraction.denominator) * rest
+
+
+def _root(first: Any, second: Any, third: Any) -> Any:
+    """Return the zero x of (a + b*x)/(1 + d*x) by its values at 0, 1 and 2, None if it has none."""
+    if abs(third - second) <= NONE * (abs(third) + abs(second)):
+        return None
+    d = (2 * second - first - third) / (2 * (third - second))
+    b = second * (1 + d) - first
+    return -first / b if b else None
+
+
+def _centred(values: Numbers) -> Any:
+    """Return the logarithms of the magnitudes of values, minus their mean."""
+    logs = np.log(np.array([abs(float(x)) for x in values]))
+    return logs - logs.mean()
+
+
+def _cost_of(number: Any) -> float:
+    """Return the cost of a constant factor."""
+    if number == -1:
+        return SIGN
+    return DOUBLED if abs(number) in (2, sympy.S.Half) and number > 0 else FRACTION + len(str(number)) / 20
