@@ -8,6 +8,7 @@ of rotations enter as numbers only, so all kinds of systems are treated alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -20,6 +21,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.evidence.precise import OutsideDomain, Precise
+from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.grading.student_equations import (
     DIGITS,
@@ -42,6 +44,7 @@ from lagrange.mechanics.grading.term_difference import (
     scaled_by,
 )
 from lagrange.statement.coordinate import constraint_of
+from lagrange.statement.statement import Statement
 
 MOST_FACTORS = 26
 """Largest number of different factors whose powers a change may contain: 6,000 pairs of powers."""
@@ -138,6 +141,26 @@ def one_change(
     return None
 
 
+def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers]:
+    """Return the values of expressions at the samples, with the motion and the multipliers there.
+
+    Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
+    """
+    check_budget()
+    unknowns = unknowns_of(statement)
+    inputs = [sympy.Dummy() for _ in unknowns]
+    stated = {symbol: leaf for leaf, symbol in statement.plain.items()} | dict(zip(unknowns, inputs, strict=True))
+    listed = [expression.xreplace(abbreviations(statement)).xreplace(stated) for expression in expressions]
+    program = Precise(listed, statement, DIGITS, inputs)
+    columns = []
+    for sample in samples:
+        point, number = sample.point, program.context.mpf
+        solved = zip(inputs, (*sample.accelerations, *sample.multipliers), strict=True)
+        numbers = {p: number(x) for p, x in (*point.parameters.items(), *solved)}
+        columns.append(program(point.q, point.v, point.t, numbers))
+    return [list(line) for line in zip(*columns, strict=True)]
+
+
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
     """Return True if an equation says nothing, as x'' = x'', or has no acceleration that `row` has."""
     if not any(row.slopes.values()):
@@ -187,9 +210,8 @@ class _Search:
     ) -> None:
         self.row, self.samples = row, samples
         self.unknowns = unknowns_of(row.statement)
-        self.abbreviations = abbreviations(row.statement)
         velocities = list(row.statement.plain.values())[1::3]
-        self.rates = [symbol for symbol, value in self.abbreviations.items() if value.has(*self.unknowns)]
+        self.rates = [symbol for symbol, value in abbreviations(row.statement).items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
         self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
@@ -204,19 +226,7 @@ class _Search:
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
         """Return the values of expressions at the samples. Raises OutsideDomain if one has none."""
-        stated = {symbol: leaf for leaf, symbol in self.row.statement.plain.items()}
-        plain = {symbol: stated[symbol] for symbol in stated if symbol not in self.unknowns}
-        inputs = [sympy.Dummy() for _ in self.unknowns]
-        table = plain | dict(zip(self.unknowns, inputs, strict=True))
-        listed = [expression.xreplace(self.abbreviations).xreplace(table) for expression in expressions]
-        program = Precise(listed, self.row.statement, DIGITS, inputs)
-        columns = []
-        for sample in self.samples:
-            point, number = sample.point, program.context.mpf
-            solved = zip(inputs, (*sample.accelerations, *sample.multipliers), strict=True)
-            numbers = {p: number(x) for p, x in point.parameters.items()} | {z: number(x) for z, x in solved}
-            columns.append(program(point.q, point.v, point.t, numbers))
-        return [list(line) for line in zip(*columns, strict=True)]
+        return evaluated(expressions, self.row.statement, self.samples)
 
     def _bases(self, denominators: Sequence[Any]) -> list[Any]:
         """Return the factors of all terms without their powers, those of typed terms first."""
@@ -235,9 +245,14 @@ class _Search:
         return list(every | symbols if len(symbols) <= MOST_FACTORS else every)[:MOST_FACTORS]
 
     @cached_property
+    def base_values(self) -> list[Numbers]:
+        """Values of the factors at the samples."""
+        return self.values(self.bases)
+
+    @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
         """Products of powers as ((index of a base, exponent), ...), their centred logarithms, and their costs."""
-        values = self.values(self.bases)
+        values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]
         powers = [[(i, e)] for i in usable for e in (1, -1, 2, -2)]
         keys: list[tuple[tuple[int, int], ...]] = [(), *(tuple(power) for power in powers)]
@@ -269,11 +284,11 @@ class _Search:
         keys, table, prices = self.products
         near = np.nonzero(np.abs(table - _centred(values)).max(axis=1) < CLOSE)[0]
         for i in near[:20]:
-            factor = sympy.Mul(*(self.bases[k] ** e for k, e in keys[i]))
-            parts = self.values([factor])[0] if keys[i] else [1] * len(values)
-            number = constant_of([x / y for x, y in zip(values, parts, strict=True)])
+            powers = [[x**e for x in self.base_values[k]] for k, e in keys[i]]
+            ratios = [value / math.prod(parts) for value, *parts in zip(values, *powers, strict=True)]
+            number = constant_of(ratios)
             if number:
-                yield prices[i], sympy.Rational(number), factor
+                yield prices[i], sympy.Rational(number), sympy.Mul(*(self.bases[k] ** e for k, e in keys[i]))
 
     def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         """Yield (cost, sum, difference) for all changes of one term."""

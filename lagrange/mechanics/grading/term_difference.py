@@ -25,9 +25,6 @@ LARGEST_MULTIPLE = 20
 MOST_TERMS = 2_000
 """Largest number of terms of an expanded sum in which a wrong term is searched."""
 
-MOST_PAIRS = 10_000
-"""Largest number of pairs of a typed and a right term that are compared; each takes 10 us."""
-
 LARGEST_POWER = 4
 """Largest power of a sum that is multiplied out."""
 
@@ -44,20 +41,13 @@ MISSING, EXTRA, SCALED, WRONG = range(4)
 class Difference:
     """Difference of a coefficient: `there` is the part that was typed, `wanted` the right expression for this part.
 
-    `kind` is MISSING, EXTRA, SCALED or WRONG. If it is SCALED, `there` is the constant `ratio` times `wanted`. `whole`
-    is true if the two are the whole coefficient.
+    `kind` is MISSING, EXTRA, SCALED or WRONG. If it is SCALED, `there` is the constant `ratio` times `wanted`.
     """
 
     kind: int
     there: Any
     wanted: Any
     ratio: Fraction = Fraction(1)
-    whole: bool = False
-
-    @property
-    def whole_is_wrong(self) -> bool:
-        """True if no single term explains the difference."""
-        return self.kind == WRONG and self.whole
 
     def told(self, product: Any, sign: int, write: Write) -> str:
         """Return the difference as the end of a sentence. Both parts are multiplied by `product` and by `sign`."""
@@ -79,131 +69,29 @@ def _kind(expression: Any) -> str:
     return "sum" if expression.is_Add else "term"
 
 
-def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> Difference:
-    """Return the difference of the typed coefficient `there` from the right one, `wanted`.
+def summands(expression: Any) -> tuple[Any, ...]:
+    """Return the terms of an expression after products of sums are expanded; powers and denominators are unchanged.
 
-    `numbers` returns the values of an expression at the samples, or None.
+    An expression with more than MOST_TERMS is its only term.
     """
-    if there == 0:
-        return Difference(MISSING, there, wanted)
-    if wanted == 0:
-        return Difference(EXTRA, there, wanted)
-    ratio = ratio_of(numbers(there), numbers(wanted))
-    if ratio is not None:
-        right = wanted if there.has(sympy.Float) else scaled_by(1 / ratio, there)
-        return Difference(SCALED, there, right, ratio, whole=True)
-    off = numbers(there - wanted)
-    scaled = scaled_product(there, off, numbers)
-    if scaled is not None:
-        return scaled
-    for terms_of in (summands, _opened, expanded):
-        difference = _one_term(terms_of(there), terms_of(wanted), off, numbers)
-        if difference is not None:
-            return difference
-    typed, right = _without_common(summands(there), summands(wanted))
-    if len(typed) < len(summands(there)):
-        return difference_of(sympy.Add(*typed), sympy.Add(*right), numbers)
-    return Difference(WRONG, there, wanted, whole=True)
-
-
-def scaled_product(there: Any, off: Numbers | None, numbers: Callable[[Any], Numbers | None]) -> Difference | None:
-    """Return the difference if one typed product with a sum, such as k*(x - y), has the wrong factor, else None.
-
-    `off` has the values of typed minus right coefficient.
-    """
-    for term in sympy.Add.make_args(there):
-        if any(factor.is_Add for factor in sympy.Mul.make_args(term)):
-            scaled = scaled_term(term, off, numbers(term))
-            if scaled is not None:
-                return scaled
-    return None
-
-
-def scaled_term(term: Any, off: Numbers | None, values: Numbers | None) -> Difference | None:
-    """Return the difference if a constant factor of a typed term with these values explains it, else None.
-
-    `off` has the values of typed minus right coefficient.
-    """
-    share = ratio_of(off, values)
-    return None if share in (None, 1) else Difference(SCALED, term, scaled_by(1 - share, term), 1 / (1 - share))
-
-
-def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Return the terms of two sums without their common terms, counted with multiplicity."""
-    kept, other = list[Any](), list(right)
-    for term in left:
-        if term in other:
-            other.remove(term)
-        else:
-            kept.append(term)
-    return kept, other
-
-
-def _one_term(
-    there: Sequence[Any], wanted: Sequence[Any], off: Numbers | None, numbers: Callable[[Any], Numbers | None]
-) -> Difference | None:
-    """Return the difference if a single term explains it, else None.
-
-    `off` has the values of typed minus right coefficient.
-    """
-    typed, right = ([(term, numbers(term)) for term in terms] for terms in (there, wanted))
-    for term, value in right:
-        factor = ratio_of(off, value)
-        if factor == -1:
-            return Difference(MISSING, sympy.S.Zero, term)
-        if factor is not None:
-            return Difference(SCALED, scaled_by(factor + 1, term), term, factor + 1)
-    for term, value in typed:
-        if ratio_of(off, value) == 1:
-            return Difference(EXTRA, term, sympy.S.Zero)
-    for (term, value), (other, expected) in islice(every_choice(typed, right), MOST_PAIRS):
-        if term == other or off is None or value is None or expected is None:
-            continue
-        if same(off, [a - b for a, b in zip(value, expected, strict=True)]):
-            return Difference(WRONG, term, other)
-    return None
-
-
-def spread(expression: Any, opens: Callable[[Any], bool]) -> list[Any] | None:
-    """Return the terms of an expression after expansion of those factors for which `opens` is true.
-
-    None if there are more than MOST_TERMS.
-    """
-    expanded: list[Any] = []
+    terms: list[Any] = []
     waiting = [*reversed(sympy.Add.make_args(expression))]
     while waiting:
-        factors = [_power(factor, opens) for factor in sympy.Mul.make_args(waiting.pop())]
-        sums = [factor for factor in factors if factor.is_Add and opens(factor)]
-        rest = [factor for factor in factors if factor not in sums]
+        factors = sympy.Mul.make_args(waiting.pop())
+        sums = [factor for factor in factors if factor.is_Add]
         if sums:
-            waiting += _choices(rest, sums)
+            waiting += _choices([factor for factor in factors if not factor.is_Add], sums)
         else:
-            expanded.append(sympy.Mul(*rest))
-        if len(expanded) + len(waiting) > MOST_TERMS:
-            return None
-    return expanded
-
-
-def _power(factor: Any, opens: Callable[[Any], bool]) -> Any:
-    """Return a factor; a small power of a sum is expanded if `opens` is true for it."""
-    small = factor.is_Pow and factor.exp.is_Integer and 1 < factor.exp <= LARGEST_POWER
-    return sympy.expand_multinomial(factor) if small and factor.base.is_Add and opens(factor) else factor
-
-
-def summands(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after products of sums are expanded; powers and denominators are unchanged."""
-    return tuple(spread(expression, lambda factor: not factor.is_Pow) or [expression])
+            terms.append(sympy.Mul(*factors))
+        if len(terms) + len(waiting) > MOST_TERMS:
+            return (expression,)
+    return tuple(terms)
 
 
 def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
     """Yield the terms of the product of `sums` and the factors `rest`, at most MOST_TERMS + 1 of them."""
     for choice in islice(every_choice(*(total.args for total in sums)), MOST_TERMS + 1):
         yield sympy.Mul(*rest, *choice)
-
-
-def _opened(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after addition theorems expand sines and cosines of sums."""
-    return summands(_without_sums(expression))
 
 
 def expanded(expression: Any) -> tuple[Any, ...]:
@@ -234,13 +122,6 @@ def scaled_by(number: Fraction, expression: Any) -> Any:
     """
     quotients = map(sympy.fraction, sympy.Add.make_args(expression))
     return sympy.Add(*(sympy.Rational(number) * above / sympy.factor_terms(below) for above, below in quotients))
-
-
-def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:
-    """Return the ratio of two expressions if it is the same small fraction at all samples, else None."""
-    if above is None or below is None or not all(below):
-        return None
-    return constant_of([a / b for a, b in zip(above, below, strict=True)])
 
 
 def constant_of(values: Numbers) -> Fraction | None:

@@ -26,6 +26,13 @@ from lagrange.mechanics.grading.student_equations import (
 from lagrange.mechanics.grading.term_difference import MISSING, WRONG, Write, expanded
 from lagrange.statement.coordinate import constraint_of, t
 from lagrange.statement.rotation import shorthands
+from lagrange.statement.statement import Statement
+
+
+def rate_symbols(statement: Statement) -> dict[Any, Any]:
+    """Return {function of time: symbol} for the entries and rates of rotations, and for their derivatives."""
+    rates = {f: sympy.Symbol(name, real=True) for name, f in shorthands(statement.rotations).items()}
+    return rates | {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
 
 
 def right_terms(derivation: Derivation) -> list[Any]:
@@ -34,8 +41,7 @@ def right_terms(derivation: Derivation) -> list[Any]:
     Rates of rotations stay symbols. Terms of equations that are too large to write out are omitted.
     """
     statement = derivation.statement
-    rates = {f: sympy.Symbol(name, real=True) for name, f in shorthands(statement.rotations).items()}
-    rates |= {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
+    rates = rate_symbols(statement)
     zeros = [constraint.expression.xreplace(statement.plain) for constraint in statement.constraints]
     zeros += [along_motion(zero, statement) for zero in zeros]
     zeros += [along_motion(zero, statement) for zero in zeros[len(statement.constraints) :]]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
+from itertools import product
 from typing import Any
 
 import sympy
@@ -16,33 +17,28 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
 from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
-from lagrange.mechanics.grading.one_change import one_change
-from lagrange.mechanics.grading.student_equations import (
-    EquationRow,
-    StudentEquation,
-    row_of,
-    tape,
-    unknowns_of,
-    values_at,
-)
+from lagrange.mechanics.grading.one_change import evaluated, one_change
+from lagrange.mechanics.grading.student_equations import EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import (
     EXTRA,
     MISSING,
+    SCALED,
     WRONG,
     Difference,
     Numbers,
     Write,
-    constant_of,
-    difference_of,
-    ratio_of,
     same,
-    scaled_product,
-    spread,
     summands,
 )
-from lagrange.mechanics.grading.wrong_side import place_of, right_denominators, right_terms, told_change, wrong_momentum
+from lagrange.mechanics.grading.wrong_side import (
+    place_of,
+    rate_symbols,
+    right_denominators,
+    right_terms,
+    told_change,
+    wrong_momentum,
+)
 from lagrange.mechanics.plain_form import simplest
-from lagrange.statement.coordinate import constraint_of
 from lagrange.statement.statement import Statement
 
 LONGEST_SLIP = 400
@@ -148,21 +144,14 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
             yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
 
 
-NEAR = 0.5
-"""Largest ratio of differing terms to agreeing products at which an Euler-Lagrange equation counts as intended."""
-
 LONGEST_FORMULA = 3_000
 """Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
 
-LONGEST_FACTOR = 60
-"""Largest number of operations of a factor that is simplified before its symbols are looked at."""
+LONGEST_RATIO = 60
+"""Largest number of operations of two terms whose ratio is simplified."""
 
-HIGHEST_POWER = 12
-"""Largest exponent in such a factor: to factor x**729 + 1 takes SymPy seconds."""
-
-BENT, SOLVED = 2, 100
-"""Penalties, in differing terms, of a factor that depends on the state, and of a difference in the unknown alone on the
-left side, such as theta_ddot = ...: there the right side is wrong."""
+MOST_MATCHED = 60
+"""Largest number of terms of an equation that are matched one by one with those of a right equation."""
 
 
 @dataclass(frozen=True)
@@ -198,344 +187,80 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         listed = [f"{one.name}, {write(one.expression.xreplace(row.statement.plain))} = 0" for one in constraints]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
-    given = _Sorted.of(row.zero, row.statement, samples, _solved_for(row, samples[0]))
-    if given is None or row.statement.rotations:
-        return WrongTerm(f"{label} does not hold.")
-    meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
-    if meant is None or meant.differing_terms > NEAR * meant.agreeing:
-        others = _candidates(given, _solved_rows(derivation))
-        nearest = [match for match in (meant, _nearest(given, others)) if match is not None]
-        meant = min(nearest, key=lambda match: match.rank[:3], default=None)
-    if meant is None or not meant.agreeing:
-        return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
-    product, difference = meant.finding()
-    return WrongTerm(_sentence(meant.name, product, difference, row, write))
+    first = _first_of_several(row, derivation, samples, write)
+    return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
 
 
-def _sentence(name: str, product: Any, difference: Difference, row: EquationRow, write: Write) -> str:
-    """Return a sentence on a product whose coefficient differs, with the signs as they were typed."""
-    side, sign = _side(row, product, difference)
-    told = difference.told(product, sign, write)
-    constraint = constraint_of(product) if product.is_Symbol else None
-    if difference.kind == MISSING and constraint is not None:
-        told = told.replace(" is missing.", f", the force of the constraint {constraint}, is missing.")
-    return f"{place_of(name, row)}{side} {told}"
+def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
 
-
-@dataclass(frozen=True, eq=False)
-class _Sorted:
-    """An equation as {product of accelerations, velocities and multipliers: coefficient}, and values at samples.
-
-    `solved` has the unknowns that the equation was solved for.
+    The terms are matched with those of each right equation times a factor with which one of them agrees.
     """
-
-    statement: Statement
-    samples: Sequence[MotionSample]
-    coefficients: Mapping[Any, Any]
-    solved: frozenset[Any] = frozenset()
-
-    @classmethod
-    def of(
-        cls, zero: Any, statement: Statement, samples: Sequence[MotionSample], solved: frozenset[Any] = frozenset()
-    ) -> _Sorted | None:
-        """Return the equation `zero` = 0 by products, or None if it is too long or has no value at any sample.
-
-        `solved` has the unknowns that the equation was solved for.
-        """
-        coefficients = _by_product(zero, statement)
-        if coefficients is None:
-            return None
-        listed = list(coefficients.values())
-        usable = [sample for sample in samples if _values(listed, statement, [sample]) is not None]
-        return cls(statement, usable, coefficients, solved) if usable else None
-
-    @cached_property
-    def values(self) -> Mapping[Any, Numbers]:
-        """Values of each coefficient at the samples, by product."""
-        values = _values(list(self.coefficients.values()), self.statement, self.samples)
-        return dict(zip(self.coefficients, values or [], strict=True))
-
-    @cached_property
-    def terms(self) -> Mapping[Any, list[Numbers]]:
-        """Values of the terms of each coefficient at the samples, by product."""
-        listed = [(product, term) for product, whole in self.coefficients.items() for term in summands(whole)]
-        values = _values([term for _, term in listed], self.statement, self.samples)
-        terms: dict[Any, list[Numbers]] = {}
-        for (product, _), value in zip(listed, values or [], strict=True):
-            terms.setdefault(product, []).append(value)
-        return terms
-
-    def numbers(self, expression: Any) -> Numbers | None:
-        """Return the values of another expression at the samples, or None if it has no value at one of them."""
-        values = _values([expression], self.statement, self.samples)
-        return None if values is None else values[0]
-
-
-def _leading(sample: MotionSample, statement: Statement) -> list[Any]:
-    """Return the unknowns: accelerations, multipliers, and velocities of coordinates with first-order equations."""
-    velocities = list(statement.plain.values())[1::3]
-    return [*unknowns_of(statement), *(velocities[i] for i in sample.first_order)]
-
-
-def _solved_for(row: EquationRow, sample: MotionSample) -> frozenset[Any]:
-    """Return the unknowns of a left side that has only unknowns times numbers; empty for any other left side."""
-    leading = _leading(sample, row.statement)
-    left = _by_product(row.zero + row.right, row.statement) or {}
-    solved = row.right != 0 and all(x in leading and c.is_Rational for x, c in left.items())
-    return frozenset(left) if solved and not row.right.has(*left) else frozenset()
-
-
-def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
-    """Return the coefficients of an expression by product, or None if it has too many terms.
-
-    Only sums that contain velocities, accelerations or multipliers are multiplied out. Others remain as typed.
-    """
-    moving = (*list(statement.plain.values())[1::3], *unknowns_of(statement))
-    terms = spread(zero, lambda factor: factor.has(*moving))
-    if terms is None:
-        return None
-    coefficients: dict[Any, Any] = {}
-    for term in terms:
-        coefficient, product = term.as_independent(*moving, as_Add=False)
-        coefficients[product] = coefficients.get(product, 0) + coefficient
-    return {product: value for product, value in coefficients.items() if value != 0}
-
-
-def _side(row: EquationRow, product: Any, difference: Difference) -> tuple[str, int]:
-    """Return words for the side of the equation that has or lacks a term, and its sign: -1 on the right, else 1.
-
-    The sign turns a coefficient of `row.zero` into the typed one. A missing term belongs on the right side if the left
-    side has only accelerations, as in a solved equation.
-    """
-    right = _by_product(row.right, row.statement) or {}
-    left = _by_product(row.zero + row.right, row.statement) or {}
-    if not right:
-        return "", 1
-    if difference.there == 0:
-        if product.has(*unknowns_of(row.statement)) and left:
-            return "", 1
-        solved = all(other.has(*unknowns_of(row.statement)) for other in left)
-        return (" on the right side", -1) if solved or (product in right and product not in left) else ("", 1)
-    typed = summands(difference.there)
-    if product not in left or any(-term in summands(right.get(product, sympy.S.Zero)) for term in typed):
-        return " on the right side", -1
-    on_left = product not in right or any(term in summands(left[product]) for term in typed)
-    return ("", 1) if on_left else (" with all terms on the left", 1)
-
-
-def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
-    """Return the values of each expression at the samples, or None if one of them has no value."""
-    try:
-        program = tape(expressions, statement)
-        columns = [values_at(program, sample) for sample in samples]
-    except OutsideDomain:
-        return None
-    return [list(row) for row in zip(*columns, strict=True)] if columns else None
-
-
-@dataclass(frozen=True, eq=False)
-class _Factor:
-    """Factor of an expected equation: its values at the samples, and the product whose coefficients determine it."""
-
-    values: Numbers
-    product: Any
-
-    @property
-    def constant(self) -> Fraction | None:
-        """The factor as a small fraction if it has the same value at all samples, else None."""
-        return constant_of(self.values)
-
-
-Candidate = tuple[str, _Sorted, _Factor]
-"""A possibly intended equation: the name of its coordinate, the equation, and its factor."""
-
-
-def _nearest(given: _Sorted, candidates: Iterable[Candidate]) -> _Meant | None:
-    """Return the candidate with the fewest differences from an equation, or None if there are no candidates.
-
-    A rank begins with at least the number of differing products. Candidates with more than the best one are not ranked.
-    """
-    best: _Meant | None = None
-    every = (_Meant(name, given, expected, factor) for name, expected, factor in candidates)
-    for meant in sorted(every, key=lambda meant: len(meant.differing)):
-        if best is None:
-            best = meant
-        elif len(meant.differing) > best.rank[0]:
-            break
-        elif meant.differing_terms <= best.rank[0] and meant.rank < best.rank:
-            best = meant
-    return best
-
-
-def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Candidate]:
-    """Yield right equations that a typed one may be a multiple of, each with the possible factors.
-
-    A factor is possible if with it one coefficient of the right equation equals the typed one. `rows` are the right
-    equations as pairs of a coordinate's name and an expression that is zero.
-    """
-    statement = given.statement
-    for name, zero in rows:
-        expected = _Sorted.of(zero.xreplace(statement.plain), statement, given.samples)
-        if expected is None or len(expected.samples) < len(given.samples):
+    typed = [(k, term) for k in (0, 1) for term in summands(row.sides[k]) if term != 0]
+    best: tuple[int, float] = (0, 0.0)
+    sentence = ""
+    for name, zero in _right_rows(row, derivation):
+        right = summands(zero)
+        if len(typed) + len(right) > MOST_MATCHED:
             continue
-        for product in expected.coefficients:
-            if product in given.coefficients:
-                below = expected.values[product]
-                if all(below):
-                    ratio = [a / b for a, b in zip(given.values[product], below, strict=True)]
-                    yield name, expected, _Factor(ratio, product)
+        try:
+            values = evaluated([term if k == 0 else -term for k, term in typed], row.statement, samples)
+            expected = evaluated(right, row.statement, samples)
+        except OutsideDomain:
+            continue
+        anchors = range(1 if row.sides[0] in row.slopes else len(typed))  # the left side of a solved equation is right
+        for i, j in product(anchors, range(len(right))):
+            factor = typed[i][1] / right[j] * (-1) ** typed[i][0]
+            if factor.has(*row.slopes) or not all(expected[j]):
+                continue
+            scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
+            left, lacking = _unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
+            rank = (len(typed) - len(left), -float(factor.count_ops()))
+            if rank > best:
+                best = rank
+                sentence = _told(name, row, [typed[k] for k in left], [factor * right[k] for k in lacking], write)
+    return sentence
 
 
-def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return the Euler-Lagrange equations as (coordinate name, left - right); empty if too large to write out."""
-    try:
-        laws = derivation.equations
-    except StatementError:
-        return []
-    return [(name, law.lhs - law.rhs) for name, law in zip(derivation.statement.names, laws, strict=True)]
+def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
+    """Return (coordinate name, left - right) of the equations of motion, or of those that are solved."""
+    statement, rates = derivation.statement, rate_symbols(derivation.statement)
+    rows: list[tuple[str, Any]] = []
+    with suppress(StatementError):
+        accelerations = list(statement.plain.values())[2::3]
+        if row.sides[0] in accelerations and not row.right.has(*accelerations) and not statement.constraints:
+            solved = zip(statement.names, accelerations, derivation.accelerations.values(), strict=True)
+            rows += [(name, left - right) for name, left, right in solved if right.count_ops() <= LONGEST_FORMULA]
+        else:
+            zeros = [law.lhs - law.rhs for law in derivation.equations]
+            rows += zip(statement.names, zeros, strict=False)
+    return [(name, zero.xreplace(rates).xreplace(statement.plain)) for name, zero in rows]
 
 
-def _solved_rows(derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, zero) of each solved acceleration, times its denominator; long ones are omitted."""
-    statement = derivation.statement
-    try:
-        solved = list(derivation.accelerations.values())
-    except StatementError:
-        return []
-    symbols = list(statement.plain.values())[2::3]
-    rows = zip(statement.names, symbols, map(sympy.fraction, solved), strict=True)
-    return [
-        (name, symbol * below - above) for name, symbol, (above, below) in rows if above.count_ops() <= LONGEST_FORMULA
-    ]
+def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
+    """Return the indices of the values that are not in the other list."""
+    kept, open_right = [], list(range(len(right)))
+    for i, values in enumerate(left):
+        match = next((j for j in open_right if same(values, right[j])), None)
+        if match is None:
+            kept.append(i)
+        else:
+            open_right.remove(match)
+    return kept, open_right
 
 
-class _Meant:
-    """A possibly intended equation times a factor, and the products in which the typed equation differs from it."""
-
-    def __init__(self, name: str, given: _Sorted, expected: _Sorted, factor: _Factor) -> None:
-        self.name, self.expected, self.given, self.factor = name, expected, given, factor
-        products = list(dict.fromkeys([*expected.coefficients, *given.coefficients]))
-        self.differing = [product for product in products if not self._agrees(product)]
-        self.agreeing = len(products) - len(self.differing)
-
-    @cached_property
-    def differing_terms(self) -> int:
-        """Number of terms that differ from the expected ones."""
-        return sum(map(self._terms, self.differing))
-
-    @cached_property
-    def rank(self) -> tuple[Any, ...]:
-        """Sort key: fewest differing terms, a factor of 1 or -1, most agreeing terms, the simplest factor."""
-        constant, given = self.factor.constant, self.given
-        simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2
-        accelerates = 0 if self.factor.product in _leading(given.samples[0], given.statement) else 1
-        doubts = BENT * self.bent
-        for unknown in given.solved.intersection(self.differing):
-            doubts += SOLVED if given.coefficients[unknown] == 1 else BENT
-        agreeing = sum(len(terms) for product, terms in given.terms.items() if product not in self.differing)
-        agreeing += sum(map(self._agreeing_terms, self.differing))
-        return self.differing_terms + doubts, simple, -agreeing, constant is None, self.length, accelerates
-
-    @property
-    def bent(self) -> bool:
-        """True if the factor depends on the coordinates: equations are seldom multiplied by such a factor."""
-        if self.factor.constant is not None:
-            return False
-        powers = (power.exp for power in self._quotient.atoms(sympy.Pow) if power.exp.is_Rational)
-        plain = self.length <= LONGEST_FACTOR and all(abs(exponent) <= HIGHEST_POWER for exponent in powers)
-        factor = self.multiple if plain else self._quotient
-        return bool(factor.has(*list(self.given.statement.plain.values())[::3]))
-
-    def _terms(self, product: Any) -> int:
-        """Return the number of terms of a coefficient that differ from the expected ones.
-
-        It is 1 if the whole coefficient or one typed product in it differs by a factor, or if a product with a rate is
-        missing.
-        """
-        there = self.given.values.get(product)
-        if there is None and product != 1:
-            return 1
-        wanted = self._wanted(product)
-        if there is not None and (ratio_of(there, wanted) is not None or self._is_scaled(product)):
-            return 1
-        off = None if there is None else [a - b for a, b in zip(there, wanted, strict=True)]
-        if off and scaled_product(self.given.coefficients[product], off, self.given.numbers) is not None:
-            return 1
-        agreeing = self._agreeing_terms(product)
-        typed, expected = (len(side.terms.get(product, [])) for side in (self.given, self.expected))
-        return max(typed - agreeing, expected - agreeing, 1)
-
-    def _is_scaled(self, product: Any) -> bool:
-        """Return True if a coefficient is the expected one times a factor, which may depend on parameters."""
-        there, wanted = self.given.values[product], self._wanted(product)
-        typed, expected = (side.terms.get(product, []) for side in (self.given, self.expected))
-        if not all(wanted) or not all(there) or len(typed) != len(expected):
-            return False
-        left = list(typed)
-        for term in expected:
-            scaled = [a / b * c * x for a, b, c, x in zip(there, wanted, self.factor.values, term, strict=True)]
-            match = next((other for other in left if same(other, scaled)), None)
-            if match is None:
-                return False
-            left.remove(match)
-        return True
-
-    def _agreeing_terms(self, product: Any) -> int:
-        """Return the number of terms of a coefficient that are as expected."""
-        left = list(self.given.terms.get(product, []))
-        count = len(left)
-        for term in self.expected.terms.get(product, []):
-            expected = [c * x for c, x in zip(self.factor.values, term, strict=True)]
-            match = next((typed for typed in left if same(typed, expected)), None)
-            if match is not None:
-                left.remove(match)
-        return count - len(left)
-
-    def _wanted(self, product: Any) -> Numbers:
-        zero = [0] * len(self.factor.values)
-        return [c * r for c, r in zip(self.factor.values, self.expected.values.get(product, zero), strict=True)]
-
-    def _agrees(self, product: Any) -> bool:
-        there = self.given.values.get(product, [0] * len(self.factor.values))
-        return same(there, self._wanted(product))
-
-    @cached_property
-    def multiple(self) -> Any:
-        """The factor as a simplified expression."""
-        constant = self.factor.constant
-        if constant is not None:
-            return sympy.Rational(constant)
-        return simplest(self._quotient)
-
-    @property
-    def _quotient(self) -> Any:
-        """The factor before it is simplified."""
-        product = self.factor.product
-        return self.given.coefficients[product] / self.expected.coefficients[product]
-
-    @cached_property
-    def length(self) -> int:
-        """Number of operations of the factor, 0 for a constant."""
-        return 0 if self.factor.constant is not None else int(self._quotient.count_ops())
-
-    def finding(self) -> tuple[Any, Difference]:
-        """Return the first product whose coefficient differs, and the difference.
-
-        A term too many and a missing one are one wrong term: b*x in place of b*x_dot.
-        """
-        product, *others = self.differing
-        difference = self._difference(product)
-        if len(others) == 1:
-            other = self._difference(others[0])
-            if (difference.kind, other.kind) == (MISSING, EXTRA):
-                return others[0], Difference(WRONG, other.there, difference.wanted * product / others[0])
-            if (difference.kind, other.kind) == (EXTRA, MISSING):
-                return product, Difference(WRONG, difference.there, other.wanted * others[0] / product)
-        return product, difference
-
-    def _difference(self, product: Any) -> Difference:
-        """Return the difference of a coefficient from the expected one times the factor."""
-        there = self.given.coefficients.get(product, sympy.S.Zero)
-        wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
-        wanted = wanted if self.factor.constant is not None else simplest(wanted)
-        return difference_of(there, wanted, self.given.numbers)
+def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
+    """Return a sentence on the first typed term that is not right, with the right term that resembles it most."""
+    if not typed:
+        return f"{place_of(name, row)} {Difference(MISSING, sympy.S.Zero, lacking[0]).told(sympy.S.One, 1, write)}"
+    side, term = typed[0]
+    words = " on the right side" if side and row.sides[0] != 0 else ""
+    if not lacking:
+        return f"{place_of(name, row)}{words} {Difference(EXTRA, term, sympy.S.Zero).told(sympy.S.One, 1, write)}"
+    factors = set(term.as_powers_dict())
+    nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
+    wanted = simplest(nearest if side == 0 else -nearest)
+    ratio = sympy.cancel(term / wanted) if term.count_ops() + wanted.count_ops() <= LONGEST_RATIO else sympy.nan
+    kind = SCALED if ratio.is_Rational else WRONG
+    difference = Difference(kind, term, wanted, Fraction(ratio.p, ratio.q) if kind == SCALED else Fraction(1))
+    return f"{place_of(name, row)}{words} {difference.told(sympy.S.One, 1, write)}"
