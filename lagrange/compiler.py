@@ -73,10 +73,6 @@ class Stages:
         program, switched = series_program(self.equations, watched)
         return self.machine.series(program), switched
 
-    def restated(self, equations: Equations) -> Stages:
-        """Return the stages of other equations on the same machine."""
-        return Stages(equations, self.machine)
-
     @property
     def again(self) -> Callable[..., Model]:
         """Function that makes the model of a statement on the same machine; it pickles without these equations."""

@@ -19,7 +19,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "trajectory"),
     "trajectory runs": ("endings", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
-    "trajectory parts": ("parts", "switches"),
+    "trajectory parts": ("parts",),
     "trajectory entries": ("flow", "integrate", "progress", "run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
@@ -63,7 +63,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory runs"),
     ),
     "trajectory parts": (
-        *("machine records", "machine entries", "trajectory/constraints", "trajectory/measures"),
+        *("trajectory/constraints", "trajectory/measures"),
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
     "trajectory/contact": (

@@ -250,9 +250,6 @@ class KernelProvider(Protocol):
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
 
-    def restated(self, equations: Any) -> KernelProvider:
-        """Return the provider of the kernels of other equations on the same machine."""
-
     @property
     def again(self) -> Callable[..., Any]:
         """The function that makes the model of a statement on the same machine, for pickles and for other statements.

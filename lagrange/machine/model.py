@@ -267,10 +267,6 @@ class Model:
         model._kernels = self._kernels
         return model
 
-    def restated(self, statement: Statement, equations: Equations) -> Self:
-        """Return the model of another form of the equations on the same machine."""
-        return type(self)(statement, equations, self._made.restated(equations))
-
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
         """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""
         if not isinstance(statement, Statement):

@@ -41,16 +41,14 @@ class Switched:
     starts: Mapping[Node, Node]
 
 
-def switch(
-    graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = (), above: Binding = Binding.PARAMETER
-) -> Switched:
-    """Replace every switch whose binding is later than `above` by its side; other switches stay as they are.
+def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
+    """Replace every switch that moves by its side; what depends on parameters alone stays as it is.
 
     The smooth `events` follow the outputs. An atan2 in events alone gets no surface: its jump is not a zero, and no
     step needs to end at it.
     """
     outputs = (*outputs, *events)
-    switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs, len(outputs) - len(events)), above)
+    switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs, len(outputs) - len(events)))
     table: dict[Node, Node] = {}
     switches.smooth(outputs, table)
     conditions = [switches.condition(i) for i in range(len(switches.sides))]
@@ -68,8 +66,8 @@ def switch(
 class _Switches:
     """The surfaces found so far; a surface and its negative are one."""
 
-    def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node], above: Binding) -> None:
-        self.graph, self.read, self.sided, self.above = graph, read, sided, above
+    def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
+        self.graph, self.read, self.sided = graph, read, sided
         self.domains = Domains()
         self.surfaces: list[Node] = []
         self.sides: list[Node] = []
@@ -82,7 +80,7 @@ class _Switches:
         """Enter the smooth form of some nodes, and of all that they are computed from, in the table."""
         for node in reachable(outputs, held=table.keys()):
             args = [table[arg] for arg in node.args]
-            if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > self.above for a in args):
+            if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
                 table[node] = self.replace(node, args)
             else:
                 table[node] = rebuild(node, args)
@@ -105,7 +103,7 @@ class _Switches:
 
         `stated` is g with the switches that are in it, and `when` the condition under which it is read.
         """
-        if g.binding <= self.above:
+        if g.binding <= Binding.PARAMETER:
             return self.graph.call("sign", g)
         if g not in self.known:
             place = len(self.sides)

@@ -30,9 +30,8 @@ from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.parts import run_in_segments, run_over_crossings
-from lagrange.trajectory.plan import locates_events, steps_over_switches
+from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun
-from lagrange.trajectory.switches import run_over_switches
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SPAN_ROUND_OFF = 1e-12
@@ -110,8 +109,7 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
                 check_independent(model, problem.t0, problem.y0, problem.parameter_array)
     except PreparationTooLongError as late:
         return not_begun(problem, integrator.name, str(late))
-    over = partial(run_over_crossings, integrator)
-    trajectory = run_over_switches(over, problem) if steps_over_switches(integrator) else over(problem)
+    trajectory = run_over_crossings(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
     if trajectory.status.complete and constrained:

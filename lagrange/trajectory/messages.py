@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import listing
+from lagrange.graph.node import Kind, reachable
 from lagrange.trajectory.integrator import LEAST_ATOL, Problem, Tolerances
 from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -29,10 +30,12 @@ _SENTENCES: dict[Status, str] = {
     Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
 }
 
-_GIVEN_UP = "Raise {limit}, {other}{events}{stiff}."
+_GIVEN_UP = "Raise {limit}, {other}{events}{jumps}{stiff}."
 """Template of the remedy for a run that reached a limit."""
 
 _STIFF = "; a stiff system wants an implicit method such as radau5"
+
+_STICKS = "; where a force jumps, as with sign(v), a body may stick, in tiny steps: smooth the jump by tanh(v/0.001)"
 
 _DOMAIN = (
     "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the energies and forces "
@@ -96,15 +99,14 @@ def message(
     if status.complete and not (detail or cause):
         backwards = " Time ran backwards." if status is Status.SUCCESS and problem.t1 < problem.t0 else ""
         return f"{method} {_SENTENCES[status].format(t=number(t))}{backwards}"
-    whole = problem.whole or problem
-    where = f"at t = {number(t)} on the way from {number(whole.t0)} to {number(whole.t1)}"
+    where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
     if cause:
         return f"{method} stopped {where}. {cause}"
     fields: dict[str, Callable[[], Any]] = {
         "t": lambda: number(t),
         "where": lambda: where,
-        "max_steps": lambda: whole.max_steps,
-        "max_wall": lambda: "its time" if whole.max_wall is None else f"max_wall = {number(whole.max_wall)} s",
+        "max_steps": lambda: problem.max_steps,
+        "max_wall": lambda: "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
         "max_memory": lambda: f"max_memory = {number(memory_limit(problem))} bytes",
         "largest": lambda: largest(problem, y),
         "singular": lambda: detail or _SINGULAR,
@@ -132,7 +134,8 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         return _GIVEN_UP.format(
             limit="max_steps" if status is Status.MAX_STEPS else "max_wall",
             other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
-            events=", or end the run at an event with terminal=True" if (problem.whole or problem).events else "",
+            events=", or end the run at an event with terminal=True" if problem.events else "",
+            jumps=_STICKS if rtol is not None and _forces_jump(problem) else "",
             stiff="" if method == "radau5" else _STIFF,
         )
     if status is Status.MAX_MEMORY:
@@ -148,6 +151,12 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         what = "Take a shorter step, or a method with step control" if rtol is None else "Take another method,"
         return f"{what} such as {other}; {_JUMPS}"
     return ""
+
+
+def _forces_jump(problem: Problem) -> bool:
+    """Return True if the accelerations contain a sign function."""
+    nodes = reachable(problem.model.equations.accelerations)
+    return any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
 
 
 def _grown(problem: Problem, y: FloatArray) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence, Sized
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -133,17 +133,6 @@ class Stepped(Protocol):
 def locates_events(integrator: Integrator) -> bool:
     """Return True if a method locates events: its driver does, for a method with a plan, or it claims to."""
     return hasattr(integrator, "plan") or integrator.claims.events
-
-
-def steps_over_switches(integrator: Integrator) -> bool:
-    """Return True if a method controls its error and locates events, but does not locate switching surfaces."""
-    return not _has_series(type(integrator)) and integrator.claims.adaptive and locates_events(integrator)
-
-
-@cache
-def _has_series(method: type) -> bool:
-    """Return True for a class of methods that advance by series: with a plan, but without a step program."""
-    return hasattr(method, "plan") and not hasattr(method, "program")
 
 
 def promises(integrator: Integrator) -> Claims:

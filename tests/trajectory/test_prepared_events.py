@@ -19,7 +19,6 @@ from lagrange.machine.series.llvm_driver import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.state import NO_OUTPUTS
 from lagrange.machine.step_events import StepEventMemory
 from lagrange.statement.event import event
-from lagrange.trajectory.switches import side_model
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, k, m, x
 from tests.trajectory.runs import FIXED, run, same
@@ -46,15 +45,9 @@ def same_events(a: Trajectory, b: Trajectory) -> bool:
     return same(a, b) and len(a.t_events) == len(b.t_events) and times and states
 
 
-def models(compiled: Model) -> list[Model]:
-    """Return the models that run it: itself, and the one whose parameters are the sides of its surfaces."""
-    sides = side_model(compiled)
-    return [compiled] if sides is None else [compiled, sides.model]
-
-
 def poison(compiled: Model) -> None:
     """Fill what idle drivers share with what watches their runs, but for what the drivers only read."""
-    idle = [one for model in models(compiled) for kept in model.prepared.values() for one in kept.idle.values()]
+    idle = [one for kept in compiled.prepared.values() for one in kept.idle.values()]
     assert idle
     for one in idle:
         taylor, memory = one.state.taylor, getattr(one.memory, "memory", one.memory)
@@ -99,10 +92,9 @@ def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
         options |= {"step": 0.05} if name in FIXED else {"rtol": 1e-7}
         options |= {"t_eval": np.linspace(begin, end, 17)} if outputs else {}
         start = {x: 0.7 - 0.2 * i, x.dot: 0.3}
-        if i and any(one.idle for model in models(compiled) for one in model.prepared.values()):
+        if i and any(one.idle for one in compiled.prepared.values()):
             poison(compiled)
-        for model in models(alone):
-            model.prepared.clear()
+        alone.prepared.clear()
         assert same_events(
             run(compiled, end, name, begin, start, **options), run(alone, end, name, begin, start, **options)
         )
