@@ -222,7 +222,8 @@ def compare_equations(
     samples += further
     remark = ""
     with budget.limited(budget.SECONDS):
-        result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling)
+        doubted = len(rows) < len(likeliest)
+        result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
         with suppress(budget.BudgetSpent):
             budget.check_size(*(row.zero for row in rows))
             slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
@@ -279,10 +280,12 @@ def _compared(
     write: Write,
     *,
     pulling: bool,
+    doubted: bool,
 ) -> tuple[EquationsComparison, bool]:
     """Return the result for one reading of each equation, and True if exactly one term is wrong.
 
     `untried` lists outcomes of switches that no sample has. `pulling` is true if multipliers were typed as forces, T.
+    `doubted` is true if a remark that does not hold was left out.
     """
     statement = rows[0].statement
     choices = [(chosen, _wrong(rows, chosen)) for chosen in with_multiples(rows, samples)]
@@ -292,7 +295,7 @@ def _compared(
         choices += [(turned, _wrong(rows, turned))] if statement.constraints else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
-    missing = _missing(rows, samples[0])
+    missing = _missing(rows, samples[0], doubted=doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
         return EquationsComparison(right=False, message=f"{start}, but {missing}"), False
@@ -358,11 +361,12 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
     return f" No state was found where {describe_way(*left[0], statement)}{more}."
 
 
-def _missing(rows: Sequence[EquationRow], sample: MotionSample) -> str:
+def _missing(rows: Sequence[EquationRow], sample: MotionSample, *, doubted: bool) -> str:
     """Return the end of a sentence on what equations that hold leave open, or an empty string.
 
     An equation without accelerations enters by its derivative with respect to time, and the length of a quaternion
-    needs no equation. Constraints are among the equations, but for those of a single coordinate such as y = 0.
+    needs no equation. Constraints are part of the statement: they need not be repeated, unless the answer is `doubted`
+    for a remark that does not hold, such as a wrong constraint.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -372,30 +376,26 @@ def _missing(rows: Sequence[EquationRow], sample: MotionSample) -> str:
         along = [float(x) if name == each else 0.0 for name, x in zip(names, sample.point.q, strict=True)]
         matrix.append(along + padding)
     gradients = [[float(x) for x in row] + padding for row in sample.gradient]
-    matrix += [row for row in gradients if sum(map(bool, row)) == 1]
-    free = _free(matrix, names)
+    free = _free([*matrix, *gradients], names)
+    if free:
+        count, needed = len(rows), len(names) - len(statement.rotations)
+        rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
+        rates = f"the {rate} of {listing(free)} is" if len(free) == 1 else f"the {rate}s of {listing(free)} are"
+        if count < needed and not statement.constraints:
+            counted = "1 equation is" if count == 1 else f"{count} equations are"
+            return f"{counted} given and {needed} are needed: {rates} left open."
+        return f"not all are independent: {rates} left open."
     absent = []
     for constraint, row in zip(statement.constraints, gradients, strict=True):
-        if free and _rank([*matrix, row])[0] > _rank(matrix)[0]:
+        if doubted and _free(matrix, names) and _rank([*matrix, row])[0] > _rank(matrix)[0]:
             matrix.append(row)
             absent.append(constraint)
-    left = _free(matrix, names)
-    if absent and not left:
-        listed = listing(constraint.name for constraint in absent)
-        zero = statement.quote(absent[0].expression, LONGEST_QUOTED)
-        start = f"the constraint {listed} is" if len(absent) == 1 else f"the constraints {listed} are"
-        return f"{start} missing: add {zero} = 0 or its time derivative."
-    if not free:
+    if not absent:
         return ""
-    count, needed = len(rows), len(names) - len(statement.rotations) + len(statement.constraints)
-    rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
-    rates = f"the {rate} of {listing(free)} is" if len(free) == 1 else f"the {rate}s of {listing(free)} are"
-    if count < needed and (
-        not statement.constraints or any(any(list(row.slopes.values())[len(names) :]) for row in rows)
-    ):
-        counted = "1 equation is" if count == 1 else f"{count} equations are"
-        return f"{counted} given and {needed} are needed: {rates} left open."
-    return f"not all are independent: {rates} left open."
+    listed = listing(constraint.name for constraint in absent)
+    zero = statement.quote(absent[0].expression, LONGEST_QUOTED)
+    start = f"the constraint {listed} is" if len(absent) == 1 else f"the constraints {listed} are"
+    return f"{start} missing: add {zero} = 0 or its time derivative."
 
 
 def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
