@@ -30,6 +30,7 @@ SHORTEST_HINT = 4
 """Least number of characters of a name that a hint offers."""
 
 FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign", "H": "heaviside"}
+FUNCTION_SPELLINGS |= {"sen": "sin", "arcsen": "asin", "arctg": "atan"}
 FUNCTION_SPELLINGS |= {name.capitalize(): name for name in ("sin", "cos", "tan", "cot", "sqrt", "exp")}
 """Other names of functions that people type, and their strict names."""
 

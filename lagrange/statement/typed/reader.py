@@ -7,6 +7,7 @@ on length, depth and work apply, and no code is run.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -43,8 +44,12 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 """Words with marks that mean derivatives in formulas: Newton's, für."""
 
-_ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOUss")
-"""Replacements of these marks, of the same length."""
+_ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
+"""Replacements of these marks, of the same length; a letter stands for the apostrophe, which means a derivative."""
+
+_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
+_LETTERS |= {0x210E: "h", 0xFEFF: " "}
+"""Plain letters for the italic ones of formula editors, and a blank for the mark at the start of some files."""
 
 MOST_CHAINED = 4
 """Most definitions of which each uses the one on the line after it."""
@@ -115,6 +120,7 @@ class TypedReader:
             raise StatementError(
                 f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
             )
+        text = text.translate(_LETTERS)
         clean, spans = equation_spans(text, self._is_coordinate)
         if len(spans) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")

@@ -197,8 +197,10 @@ DEFINED = {
     r"\ddot x = -\omega_c x, \omega_c = \frac{k}{m}": "x_ddot = -omega_c*x",
     "m x'' plus k x minus g over l = 0": "m*x_ddot + k*x - g/l = 0",
     "m v' = -k x times 2\nv = dx/dt": "m*v_dot = -k*x*2",
+    "\ufeff𝑚 𝑥̈ = −𝑘 𝑥": "m*x_ddot = -k*x",
+    "θ'' = sen θ - arctg θ": "theta_ddot = sin(theta) - atan(theta)",
 }
-"""Answers with definitions and with words for operations, and the first equation."""
+"""Answers with definitions, words for operations, and letters of formula editors, and the first equation."""
 
 
 @pytest.mark.parametrize("text", DEFINED)
@@ -242,6 +244,7 @@ def test_remarks_belong_to_no_equation(text: str) -> None:
         ("l tehta'' + g x = 0\nx'' = 0", "tehta"),
         ("x'' = 0\nc*theta_dot = 0", "c"),
         ("x'' = -k (x) (foo + x)", "foo"),
+        ("m x'' = -k x Newton's law", "Newton\u02bcs"),
     ],
 )
 def test_an_unknown_factor_is_no_remark(text: str, word: str) -> None:
