@@ -146,7 +146,8 @@ class Problem:
     user left the choice to the method. `max_steps` is the largest number of tried steps, accepted or not, and
     `max_wall` the time limit in seconds. `max_memory` is the largest number of kept bytes, None for a quarter of the
     machine's memory. `began` is the time of the request by `time.perf_counter`. `events` are checked against the
-    model's statement. `progress` is called with the time reached, several times during the run.
+    model's statement. `progress` is called with the time reached, several times during the run. `whole` is the problem
+    of the whole run if this one is a segment of it: messages state its span and limits.
     """
 
     model: Model
@@ -163,6 +164,7 @@ class Problem:
     max_memory: float | None = None
     events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
+    whole: Problem | None = None
     began: float = field(default_factory=time.perf_counter)
     _values: FloatArray | None = field(default=None, init=False, repr=False)
 

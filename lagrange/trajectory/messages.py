@@ -99,14 +99,15 @@ def message(
     if status.complete and not (detail or cause):
         backwards = " Time ran backwards." if status is Status.SUCCESS and problem.t1 < problem.t0 else ""
         return f"{method} {_SENTENCES[status].format(t=number(t))}{backwards}"
-    where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
+    whole = problem.whole or problem
+    where = f"at t = {number(t)} on the way from {number(whole.t0)} to {number(whole.t1)}"
     if cause:
         return f"{method} stopped {where}. {cause}"
     fields: dict[str, Callable[[], Any]] = {
         "t": lambda: number(t),
         "where": lambda: where,
-        "max_steps": lambda: problem.max_steps,
-        "max_wall": lambda: "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
+        "max_steps": lambda: whole.max_steps,
+        "max_wall": lambda: "its time" if whole.max_wall is None else f"max_wall = {number(whole.max_wall)} s",
         "max_memory": lambda: f"max_memory = {number(memory_limit(problem))} bytes",
         "largest": lambda: largest(problem, y),
         "singular": lambda: detail or _SINGULAR,

@@ -61,6 +61,7 @@ def rest_of(
         max_wall=wall,
         events=tuple(_counted(event, count) for event, count in zip(problem.events, seen, strict=True)),
         began=time.perf_counter(),
+        whole=problem.whole or problem,
     )
 
 
