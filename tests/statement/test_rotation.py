@@ -116,6 +116,7 @@ def test_single_rates_are_keys_of_starts_forces_runs_and_pictures() -> None:
     assert (run["R_space_z"] == run[R.space][2]).all() and (run[R.body[0]] == run["R_body_x"]).all()
     assert (run["R"] == run[R]).all() and (run["R_zx"] == run[R][:, 2, 0]).all()
     (axis,) = run.plot("R_body_z").axes
+    assert axis.get_title(loc="left") == r"$R_{\mathrm{body}, z}$"
     assert np.allclose(np.asarray(axis.lines[0].get_ydata())[[0, -1]], run["R_body_z"][[0, -1]], rtol=1e-6)
 
 

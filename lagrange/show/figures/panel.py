@@ -48,6 +48,7 @@ from lagrange.show.notation.symbols import letter_of, letters
 from lagrange.show.notation.text import Notation
 from lagrange.show.units import energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
+from lagrange.statement.expression import as_typed
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.solution import Solution
@@ -213,7 +214,7 @@ def expression(solution: Solution, given: Any) -> PanelQuantity:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
     formula = expression_of(given, "what")
     solution.evaluate(formula)  # raises for symbols that the system does not have
-    text = formula_label(solution.model.statement, formula)
+    text = formula_label(solution.model.statement, as_typed(given, "what"))
     return PanelQuantity(text, (text,), lambda run: run.evaluate(formula)[None])
 
 
