@@ -533,9 +533,14 @@ def _inertia(kinetic: Any, each: Rotation) -> list[list[Any]]:
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
-    `values` are those of parameters. Inertias that contain anything else are not judged.
+    `values` are those of parameters. Inertias that contain anything else are not judged, nor those of a body whose
+    rates are coupled to other velocities, as by a constraint that was put into the energy.
     """
-    rows = [[entry.xreplace(dict(values)) / 4 for entry in row[1:]] for row in _inertia(kinetic, rotation_of(name))[1:]]
+    each = rotation_of(name)
+    others = [f for f in kinetic.atoms(sympy.Derivative) if rotation_name(f.expr) != name]
+    if others and any(kinetic.diff(velocity_of(q)).has(*others) for q in each.quaternion):
+        return
+    rows = [[entry.xreplace(dict(values)) / 4 for entry in row[1:]] for row in _inertia(kinetic, each)[1:]]
     if not all(entry.is_number for row in rows for entry in row):
         return
     least, middle, most = np.linalg.eigvalsh(np.array(rows, dtype=float))

@@ -253,3 +253,11 @@ def test_what_has_no_meaning_is_refused(case: str) -> None:
     with pytest.raises(lg.StatementError, match=sentence) as refusal:
         attempt()
     assert len(str(refusal.value)) <= 400
+
+
+def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
+    """A ball of moment 0.1 carries a mass of 5 by a belt: about y the energy has 5.1, as of no body alone."""
+    kinetic = R.body.dot(R.body) / 20 + 5 * (x.dot + R.space[1]) ** 2 / 2
+    run = lg.System(kinetic + x.dot**2 / 2, initial={R.space: (0, 1, 0)}).run(1.0)
+    # Momenta are conserved: x.dot = 0 and R.space[1] = 1 stay.
+    assert abs(run[R.space][1, -1] - 1) < 1e-9 and abs(run[x.dot][-1]) < 1e-9
