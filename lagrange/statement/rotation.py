@@ -498,7 +498,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
     rotations = _rotations_of(tuple(coordinates))
     for each in rotations:
         scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
-        mean = sympy.cancel(sum(inertias) / 3)
+        mean = sympy.expand(sum(inertias) / 3)
         if mean.is_zero or mean.is_finite is False:
             raise StatementError(without_inertia(each.name))
         if scalar.is_zero:
