@@ -30,19 +30,23 @@ TRY = '<p class="try"><a href="{name}-page.html">Change it: sliders for every pa
 INTRODUCTION = """\
 # Scenes in motion
 
-The {count} scenes of the library, run and drawn when this page was built. Each has its equations, its file, its source,
-and [a page with sliders](../seeing.md). `lagrange run NAME` runs it, and [scenes](../scenes.md) says how a file
-of your own is written.
+The {count} scenes of the library, run and drawn when this page was built. Each has its equations, its file and its
+source, and [a page with sliders](../seeing.md) unless it has contacts. `lagrange run NAME` runs it, and
+[scenes](../scenes.md) says how a file of your own is written.
 
 """
 
 
-GROUPS = ("Free coordinates", "Constraints on coordinates", "Constraints on velocities")
+GROUPS = ("Free coordinates", "Constraints on coordinates", "Constraints on velocities", "Contacts", "Rotations")
 
 
 def kind(system: lg.System) -> str:
     """Return the group that a scene is shown in."""
     constraints = system.statement.constraints
+    if system.statement.contacts:
+        return GROUPS[3]
+    if system.statement.rotations:
+        return GROUPS[4]
     if not constraints:
         return GROUPS[0]
     if any(constraint.holonomic for constraint in constraints):
@@ -63,7 +67,7 @@ def page(scene: LibraryScene, system: lg.System, animation: Animation) -> str:
     lines = [
         f"# {name}\n\n{scene.about}\n",
         f"```{{raw}} html\n{frame(name, animation)}\n```\n",
-        f"```{{raw}} html\n{TRY.format(name=name)}\n```\n",
+        *([] if system.statement.contacts else [f"```{{raw}} html\n{TRY.format(name=name)}\n```\n"]),
         f"Source: {scene.source}.\n",
         "## Run it\n",
         f"```sh\nlagrange run {name} --out out\n```\n",
@@ -90,7 +94,8 @@ def make(scene: LibraryScene, folder: Path, extra: Path) -> str:
     system = lg.scene(scene.name)
     solution = system.run().require()
     animation = solution.animate(extra / f"{scene.name}-player.html")
-    system.to_page(extra / f"{scene.name}-page.html")
+    if not system.statement.contacts:
+        system.to_page(extra / f"{scene.name}-page.html")
     write_changed(folder / f"{scene.name}.svg", svg(solution))
     write_changed(folder / f"{scene.name}.md", page(scene, system, animation))
     return kind(system)
