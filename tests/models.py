@@ -31,7 +31,7 @@ VALUES = {m: 1.3, M: 2.1, g: 9.81, l: 0.7, k: 3.2, c: 0.15, omega: 1.9, B: 0.8}
 def stated(**given: Any) -> Statement:
     """Declare a statement with default values for the parameters above, in their order.
 
-    Parameters without a value stand in the order of their latest declaration, which other tests may change.
+    The order of parameters without a value is that of their latest declaration, which other tests may change.
     """
     statement = declare(**given)
     missing = {p: value for p, value in VALUES.items() if p in statement.parameters and p not in statement.defaults}

@@ -32,7 +32,7 @@ def test_printed_equations_are_read_back(name: str, style: str) -> None:
     section = next(part for part in sections(derivation) if part.heading == "Equations of motion")
     printed = PAGES[style](system.statement, NO_HEADING).write([section])
     text = printed.split("Equations of motion")[1].partition("\n")[2].removesuffix("\\end{document}\n")
-    if system.statement.rotations:  # printed in rates, which stand for expressions in the entries of quaternions
+    if system.statement.rotations:  # printed in rates, which are short for expressions in quaternions
         assert system.compare(text)
         return
     laws = [*derivation.equations, *derivation.constraints]

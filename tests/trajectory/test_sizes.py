@@ -308,7 +308,7 @@ def test_the_default_takes_few_steps(case: Callable[[], Case], method: str) -> N
 KINDS = (random_chain, random_lattice, random_net)
 
 MOST = {"taylor": 1.5, "dop853": 2.5, "verner9": 2.5, "scipy-dop853": 2.5}
-"""Most tries against those with a good `atol`, 3.5 for methods of lower order; for `FEW` 1.5 but for lattices.
+"""Most tries as a multiple of those with a good `atol`; other methods have 3.5, and `FEW` 1.5 except on lattices.
 
 In lattices entries grow from rounding to order one like a power of time. By default each keeps the digits that doubles
 hold, which takes as many steps as an `atol` of 1e-16 of the displacement: at most 1.11 times with taylor, dop853, tsit5

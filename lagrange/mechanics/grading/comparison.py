@@ -385,9 +385,11 @@ def _missing(rows: Sequence[EquationRow], sample: MotionSample, *, doubted: bool
             counted = "1 equation is" if count == 1 else f"{count} equations are"
             return f"{counted} given and {needed} are needed: {rates} left open."
         return f"not all are independent: {rates} left open."
+    if not doubted:
+        return ""
     absent = []
     for constraint, row in zip(statement.constraints, gradients, strict=True):
-        if doubted and _free(matrix, names) and _rank([*matrix, row])[0] > _rank(matrix)[0]:
+        if _free(matrix, names) and _rank([*matrix, row])[0] > _rank(matrix)[0]:
             matrix.append(row)
             absent.append(constraint)
     if not absent:

@@ -37,8 +37,8 @@ class StudentEquation:
     `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
     the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
     `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
-    text. `rounded` is a sentence on decimals that stand for exact numbers, or "". `aside` is true for a remark, such as
-    an equilibrium, which need not hold.
+    text. `rounded` is a sentence on decimals that were taken for exact numbers, or "". `aside` is true for a remark,
+    such as an equilibrium, which need not hold.
     """
 
     label: str

@@ -45,7 +45,7 @@ _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*
 """Words with marks that mean derivatives in formulas: Newton's, für."""
 
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
-"""Replacements of these marks, of the same length; a letter stands for the apostrophe, which means a derivative."""
+"""Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one."""
 
 _LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
 _LETTERS |= {0x210E: "h", 0xFEFF: " "}
