@@ -96,6 +96,32 @@ pub fn energy(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {
 }
 
 
+MOTION = """\
+  model Motion
+    parameter Real m = 1.0;
+    parameter Real g = 9.81;
+    parameter Real l = 1.0;
+    Real theta(start = 2.0, fixed = true);
+    Real theta_dot(start = 0.0, fixed = true);
+    Real energy[1];
+  protected
+    parameter Real p[6] = Functions.prepare({m, g, l});
+    Real rates[2];
+  equation
+    rates = Functions.rhs(time, {theta, theta_dot}, p);
+    der(theta) = rates[1];
+    der(theta_dot) = rates[2];
+    energy = Functions.energy(time, {theta, theta_dot}, p);
+    annotation(experiment(StopTime = 10.0, Tolerance = 1e-12));
+  end Motion;
+"""
+
+
+def test_the_motion_of_the_pendulum_in_modelica(tmp_path: Path) -> None:
+    package, *_ = lg.scene("pendulum").export("modelica", tmp_path, ["energy"]).files
+    assert MOTION in package.read_text()
+
+
 @pytest.mark.parametrize("target", ENERGY)
 def test_the_energy_of_the_pendulum(target: str, tmp_path: Path) -> None:
     made = lg.scene("pendulum").export(target, tmp_path, ["energy"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -203,7 +204,7 @@ def _function(name: str, given: Mapping[str, int], made: str, function: PrintedF
     if function.declared:
         yield "protected"
     for kind, local, sizes in function.declared:
-        if not local.startswith("singular"):
+        if not re.fullmatch(r"singular\d+", local):
             shape = f"[{', '.join(map(str, sizes))}]" if sizes else ""
             yield f"  {'Boolean' if kind == 'flag' else 'Real'} {local}{shape};"
     yield "algorithm"

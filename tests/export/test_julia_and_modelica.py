@@ -1,0 +1,137 @@
+"""Exported Julia and Modelica, which do not run here: numbers of their functions read as Python, grammars of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.export.contents import module_of, wanted
+from lagrange.export.languages import julia, modelica
+from lagrange.export.module import SourceModule
+from lagrange.export.straight_line import Functions
+from lagrange.export.target import find
+from tests.covering import Share
+from tests.export.graphs import as_module, graph, points, wrong
+from tests.export.read_as_python import Places, of_julia, of_modelica
+from tests.export.systems import every_scene, held, named
+from tests.export.test_modules import AWKWARD, coupled, on_a_sphere
+
+QUANTITIES = ["rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations"]
+both = pytest.mark.parametrize("target", ["julia", "modelica"])
+
+
+class Singular(Exception):
+    """A matrix is singular."""
+
+
+class Read:
+    """The functions of a module by name, each a function of time, state and prepared parameters."""
+
+    def __init__(self, target: str, made: SourceModule) -> None:
+        self.julia, self.made = target == "julia", made
+        if self.julia:
+            self.known = of_julia(julia.source(made))
+        else:
+            functions = Functions(made, modelica.LANGUAGE, statuses=False)
+            self.known = of_modelica([*modelica.function_lines(functions)])
+            self.size = functions.hoisted.size
+
+    def prepared(self, parameters: Sequence[float]) -> Any:
+        if not self.julia:
+            return self.known["prepare"](Places(parameters))
+        p = Places(np.zeros(self.known["PREPARED_SIZE"]))
+        assert not self.known["prepare"](p, Places(parameters))
+        return p
+
+    def values(self, name: str, t: float, y: Sequence[float], p: Any, size: int) -> list[float]:
+        """Return the results of a function at a state. Raises Singular where it says that a matrix is singular."""
+        with np.errstate(all="ignore"):
+            if self.julia:
+                out = Places(np.zeros(size))
+                if self.known[name](out, np.float64(t), Places(y), p):
+                    raise Singular
+                return [float(value) for value in out.values]
+            try:
+                return [float(value) for value in self.known[name](np.float64(t), Places(y), p).values]
+            except AssertionError as error:
+                if "a matrix is singular" in str(error):
+                    raise Singular from None
+                raise
+
+
+def module(target: str, system: lg.System, contents: list[str]) -> SourceModule:
+    model = system.compile("numpy")
+    return module_of(model, wanted(find(target), model, contents, (), None), ())
+
+
+def right(target: str, made: SourceModule) -> Read:
+    """Compare the functions with the results that the self-test of the module holds."""
+    read = Read(target, made)
+    p = read.prepared(made.values)
+    for one in made.checks:
+        for t, y, expected, allowed in zip(one.times, one.states, one.results, one.allowed, strict=True):
+            found = read.values(one.name, t, y, p, len(expected))
+            assert (np.abs(np.subtract(found, expected)) <= allowed).all(), one.name
+    return read
+
+
+@both
+@pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
+def test_a_scene_conforms(target: str, scene: str) -> None:
+    system = lg.scene(scene)
+    right(target, module(target, system, [*QUANTITIES, *held(system)]))
+
+
+@both
+def test_random_graphs(target: str, share: Share) -> None:
+    programs = [graph(seed, without=sorted(find(target).inexpressible)) for seed in range(share(60))]
+    read = Read(target, as_module(programs))
+    p = read.prepared([])
+    for k, one in enumerate(programs):
+        for y in points(k, 6):
+            assert list(wrong(one, y, read.values(one.name, 0.0, y, p, len(one.outputs)))) == []
+
+
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "julia": ("function", "end", "Inf", "NaN", "ifelse", "sin_of", "Float64", "mutable", "begin", "local", "one"),
+    "modelica": (
+        *("der", "time", "Real", "rates", "Motion", "equation", "start", "model", "end", "Functions", "rhs", "initial"),
+        *("input", "fixed", "parameter", "protected", "noEvent", "pre", "integer", "type", "within", "flow", "div"),
+    ),
+}
+
+
+@both
+def test_awkward_names(target: str) -> None:
+    right(target, module(target, named(AWKWARD[:8], (*AWKWARD[8:], *WORDS[target]), "float64"), ["rhs", "energy"]))
+
+
+@both
+@pytest.mark.parametrize("stated", [coupled, on_a_sphere])
+def test_a_singular_matrix_is_told(target: str, stated: Callable[[], lg.System]) -> None:
+    made = module(target, stated(), ["rhs"])
+    read = right(target, made)
+    with pytest.raises(Singular):
+        read.values("rhs", 0.0, [0.0, 0.0, 0.5, 0.1], read.prepared(made.values), 4)
+
+
+def test_a_grammar_of_another_reads_julia(tmp_path: Path) -> None:
+    tree_sitter: Any = pytest.importorskip("tree_sitter", reason="tree-sitter is not installed")
+    grammar: Any = pytest.importorskip("tree_sitter_julia", reason="tree-sitter-julia is not installed")
+    parser = tree_sitter.Parser(tree_sitter.Language(grammar.language()))
+    for file in lg.scene("cartesian-pendulum").export("julia", tmp_path, QUANTITIES).files:
+        assert not parser.parse(file.read_bytes()).root_node.has_error
+        assert parser.parse(file.read_bytes().replace(b"end\n", b"", 1)).root_node.has_error
+
+
+def test_a_grammar_of_another_reads_modelica(tmp_path: Path) -> None:
+    parser: Any = pytest.importorskip("pymoca.parser", reason="pymoca is not installed")
+    lg.scene("cartesian-pendulum").export("modelica", tmp_path, [*QUANTITIES, "multipliers"])
+    tree = parser.parse((tmp_path / "cartesian_pendulum.mo").read_text())
+    assert set(tree.classes["cartesian_pendulum"].classes) >= {"Functions", "Motion"}
+    assert parser.parse((tmp_path / "cartesian_pendulum_test.mo").read_text()) is not None
