@@ -103,8 +103,10 @@ class _Map:
         elif self.step.law == "accelerations":
             self.vectors[call.first] = -k[:, None] * arguments[0]
         else:
-            q, v, *multipliers = arguments
+            # Without rotations local coordinates are coordinates.
+            q, v, *multipliers = arguments[:2] if self.step.law == "local" else arguments
             results = [v, -k[:, None] * q - c[:, None] * v]
+            results += [q, v] if self.step.law == "local" else []
             # Without constraints the constraint forces are zero, and the padding entries are the multipliers
             # themselves; see `lagrange.program.constraints`.
             results += [part for multiplier in multipliers for part in (0.0 * multiplier, multiplier, multiplier)]

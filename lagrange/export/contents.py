@@ -26,6 +26,7 @@ from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Array, Kind, Procedure
 from lagrange.procedure.rewrite import Pruner, bound
+from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 from lagrange.show.units import energy_unit, length_unit, unit_of
@@ -204,30 +205,26 @@ def module_of(
     state = statement.state_names
     programs = {name: _program(name, model, events) for name in asked.quantities}
     projected = (bool(asked.methods) or asked.taylor) and len(model.equations.constraints) > 0
-    every = [*programs.values()]
-    if projected:
-        every.append(model.law("projection").program)
+    called = [*(LAWS[step.law].quantity for _, step in asked.methods), *(["projection"] if projected else [])]
+    every = programs | {name: model.law(name).program for name in called}
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
-    prepared = Prepared.of([*every, alone] if alone else every)
+    prepared = Prepared.of([*every.values(), alone] if alone else [*every.values()])
     names = names_of(model)
 
     def evaluated(program: Program, prepared: Prepared, name: str, about: str) -> Procedure:
         return kernel(program, prepared, name, about, names=names.of(program))
 
-    procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in programs.items()}
+    procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in every.items()}
     if alone:
         divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
-        procedures |= {name: guarded(procedures[name], divided) for name in SOLVED if name in procedures}
-    laws = {"law": procedures["rhs"], "jacobian": procedures["rhs"]} if asked.methods else {}
-    if projected:
-        laws["projection"] = evaluated(every[-1], prepared, "projection", "Corrections onto the constraints.")
+        procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
-    integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
+    integrators = tuple(_integrator(name, step, len(state), procedures, prune) for name, step in asked.methods)
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
     if asked.taylor:
-        series = _taylor(model, prepared.size, laws.get("projection"))
+        series = _taylor(model, prepared.size, procedures.get("projection"))
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         own = prune(series.taylor())
         integrators = (*integrators, ExportedIntegrator(TAYLOR, own.about, own, adaptive=True))
@@ -299,11 +296,15 @@ def _integrator(
     name: str,
     step: StepProgram,
     dimension: int,
-    laws: Mapping[str, Procedure],
+    procedures: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
 ) -> ExportedIntegrator:
-    """Return the integrator of a method: one step, or a run with error control. It calls the procedures `laws`."""
-    own = name.replace("-", "_")
+    """Return the integrator of a method: one step, or a run with error control.
+
+    It calls the law of the step among the `procedures`, and the projection if they contain one.
+    """
+    own, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
+    laws = {"law": law, "jacobian": law, **{one: procedures[one] for one in ("projection",) if one in procedures}}
     layout, control = Layout(step, dimension, block=1, projected="projection" in laws), step.control
     form = one_step.form(layout=layout) if control is None else adaptive_run.form(layout=layout, control=control)
     about = f"{form.about} The method is {step.name}."
@@ -328,6 +329,8 @@ ABOUT = {
     "mass_matrix": "The mass matrix, by rows.",
     "energies": "The kinetic energy T and the potential energy V, as stated.",
     "momenta": "The conjugate momenta dL/dv.",
+    "projection": "Corrections onto the constraints.",
+    "local": "The derivatives of a local state about a start, then the state that it is: coordinates and velocities.",
     "positions": "The named points, coordinate by coordinate.",
     "multipliers": "The multipliers of the constraints.",
     "events": "The event functions, each zero where its event is.",

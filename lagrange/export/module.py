@@ -59,7 +59,7 @@ class ValueNames:
         for ref, one in enumerate(program.instructions):
             if one.op not in stated and values[ref] in matrix:
                 found[ref] = matrix[values[ref]]
-            elif stated.get(one.op):
+            elif one.place < len(stated.get(one.op, ())):
                 found[ref] = stated[one.op][one.place]
         return found
 

@@ -60,11 +60,14 @@ LAWS = {
     "accelerations": Law(2, 1, 1, "rhs"),
     "momentum": Law(2, 2, 2, "momentum", "momentum_jacobian"),
     "constrained": Law(2, 3, 5, "constrained", "constrained_jacobian", 3),
+    "local": Law(2, 3, 4, "local", "", 3),
 }
 """The laws by name: y' = f(t, y) of y = [q, v]; a(t, q), which must not depend on velocities, for methods that move
 coordinates and velocities in turn; p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f; and p, f,
 c, phi, psi = g(t, q, v, lambda) with the forces c = G^T lambda of constraints, these themselves and their rates, all
-padded to n entries: see `lagrange.program.constraints`."""
+padded to n entries: see `lagrange.program.constraints`; and dQ/dt, dV/dt, q, v = g(t, Q, V, start), the derivatives of
+a local state about the coordinates at the start of a step, and the state that it represents: see
+`lagrange.program.local`."""
 
 
 @dataclass(frozen=True, eq=False)

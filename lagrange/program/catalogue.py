@@ -18,6 +18,7 @@ from lagrange.program.constraints import (
     constraint_positions,
     projection,
 )
+from lagrange.program.local import local, local_inputs
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 
@@ -141,6 +142,7 @@ LAW_QUANTITIES: dict[str, Quantity] = {
     "constrained": Quantity(constrained, inputs=constrained_inputs),
     "constrained_jacobian": Quantity(constrained_jacobian, 2, inputs=constrained_inputs, rows=lambda e: 5 * len(e.q)),
     "projection": Quantity(projection, solved=True),
+    "local": Quantity(local, solved=True, inputs=local_inputs),
 }
 """Those that steps call: with multipliers, functions of t, q, v and lambda; and the corrections of a state [q, v] onto
 the constraints, with its violation and what they leave of it."""

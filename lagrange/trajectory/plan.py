@@ -187,7 +187,10 @@ class StepPlan:
         )
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step, taken again in Python, explicitly if it is implicit."""
+        """Return the state (2n,) after the failed step, taken again in Python.
+
+        A step that is implicit, or evaluates another law than a slope, is replaced by one along the slope.
+        """
         step, parameters = self.step, problem.parameter_array
         kernel, layout = problem.model.kernel("rhs"), problem.model.layout
         h = float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
@@ -199,7 +202,7 @@ class StepPlan:
 
         with np.errstate(all="ignore"):
             try:
-                if step.solves:
+                if step.solves or LAWS[step.law].results > 1:
                     return _state_moved_by_slope(f, state, h)
                 if step.partitioned:
                     return np.concatenate(step.function(f, state.t, *layout.split(state.y), h))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.program.series import convolutions
 from lagrange.program.taylor import series_program
+from lagrange.statement.space import product
 from tests.models import shared_scene
 
 R = lg.rotation("R")
@@ -184,13 +186,58 @@ def test_the_variational_midpoint_keeps_the_momentum_in_space_and_the_length() -
     assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
-@pytest.mark.parametrize(("method", "order"), [("variational-midpoint", 2), ("rk4", 4)])
+@pytest.mark.parametrize(("method", "order"), [("variational-midpoint", 2), ("rk4", 4), ("munthe-kaas4", 4)])
 def test_order_of_methods_on_attitudes(method: str, order: int) -> None:
     system = body((1, 2, 3), (0.3, 1, 0.2))
     exact = system.run(2.0, rtol=1e-14)[R][-1]
     errors = [np.abs(system.run(2.0, method=method, step=h)[R][-1] - exact).max() for h in (0.1, 0.05, 0.025)]
     slopes = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
     assert abs(slopes[-1] - order) < 0.15
+
+
+def cayley_step(moments: Any, q: Any, w: Any, h: float) -> tuple[Any, Any]:
+    """Return the quaternion and the rates of a free body after a step of rk4 in u = tan(a/2) n and the rates."""
+
+    def slope(state: Any) -> Any:
+        u, w = state
+        return np.array([(w + np.cross(u, w) + u * (u @ w)) / 2, np.cross(moments * w, w) / moments])
+
+    start = np.array([np.zeros(3), w])
+    first = slope(start)
+    second = slope(start + first * h / 2)
+    third = slope(start + second * h / 2)
+    fourth = slope(start + third * h)
+    u, w = start + (first + 2 * second + 2 * third + fourth) * h / 6
+    return np.array(product(q, (1, *u))) / np.sqrt(1 + u @ u), w
+
+
+def test_a_step_of_munthe_kaas_is_one_in_local_coordinates() -> None:
+    """Restated for a free body by Euler's equations. The quaternion keeps its length, and that of rk4 does not."""
+    moments, q, w = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0, 0.8, 0]), np.array([0.3, 1, 0.2])
+    system = body(moments.tolist(), w.tolist(), q.tolist())
+    for _ in range(10):
+        q, w = cayley_step(moments, q, w, 0.1)
+    run = system.run(1.0, method="munthe-kaas4", step=0.1)
+    assert np.abs(run.y[:4, -1] - q).max() < 1e-14
+    assert np.abs(run[R.body][:, -1] - w).max() < 1e-14
+    for method, kept in (("munthe-kaas4", True), ("rk4", False)):
+        y = system.run(400.0, method=method, step=0.1).y
+        assert (np.abs(np.linalg.norm(y[:4], axis=0) - 1).max() < 1e-15) == kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
+def test_munthe_kaas_moves_bodies_with_coordinates_and_constraints(name: str) -> None:
+    system = shared_scene(name)
+    exact = system.run(1.0, rtol=1e-13).y[:, -1]
+    errors = [np.abs(system.run(1.0, method="munthe-kaas4", step=h).y[:, -1] - exact).max() for h in (0.04, 0.02)]
+    assert abs(np.log2(errors[0] / errors[1]) - 4) < 0.2
+
+
+def test_a_step_of_munthe_kaas_is_exported(tmp_path: Path) -> None:
+    """The self-test of the export takes a step of the Python that is written, and compares it with ours."""
+    made = shared_scene("heavy-top").export("python", tmp_path, contents=["munthe-kaas4"])
+    assert any("munthe_kaas4" in path.read_text() for path in made.files)
 
 
 def random_top(seed: int) -> tuple[lg.System, lg.System]:

@@ -90,13 +90,12 @@ def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None
     series = Counting(NumpySeries.rows)
     monkeypatch.setattr(NumpySeries, "rows", partialmethod(series))
     compiled = build("numpy", kinetic=m * x.dot**2 / 2, potential=k * x**4, initial={x: 1.0})
-    laws: list[Any] = [Counting(compiled.kernel(law)) for law in ("rhs", "momentum")]
-    compiled._kernels |= {"rhs": laws[0], "momentum": laws[1]}
-    laws.append(Counting(compiled.law("constrained")))
+    laws: dict[str, Any] = {law: Counting(compiled.law(law)) for law in ("rhs", "momentum", "constrained", "local")}
+    compiled._kernels |= {law: laws[law] for law in ("rhs", "momentum")}
     known = compiled._law
-    monkeypatch.setattr(compiled, "_law", lambda name: laws[2] if name == "constrained" else known(name))
+    monkeypatch.setattr(compiled, "_law", lambda name: laws.get(name) or known(name))
     found = run(compiled, 1.0, name, **settings(name))
-    assert found.evaluations == sum(law.calls for law in laws) + series.calls
+    assert found.evaluations == sum(law.calls for law in laws.values()) + series.calls
     assert (series.calls > 0) == (name == "taylor")
 
 

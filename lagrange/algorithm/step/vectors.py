@@ -148,7 +148,10 @@ class Vectors:
         is_singular = given.law(time, arguments, given.parameters, results)
         first = length if layout.step.law == "accelerations" else 0
         for i in unrolled(law.results):
-            copy_vector(results[first + i * length :], self.at(call.first + i), layout.width)
+            target = self.at(call.first + i)
+            copy_vector(results[first + i * length :], target, layout.width)
+            for k in unrolled(length, layout.width if law.results > 1 else length):
+                target[k] = 0.0  # not the first entries of the next result
         return is_singular, NO_REGISTERS
 
     @inline

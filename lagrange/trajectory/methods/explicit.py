@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache, partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ import sympy
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.expression import MOST_ENTRIES, entries
-from lagrange.statement.number import text, whole_number
+from lagrange.statement.number import one_of, text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
@@ -36,13 +38,15 @@ class RungeKutta:
     """The explicit Runge-Kutta method of a tableau.
 
     `step` is the size of equal steps, for a tableau without an error estimate; `rtol` and `atol` are tolerances
-    for one with it. Options that are None are those of the run, or have a default.
+    for one with it. Options that are None are those of the run, or have a default. `law` is the function that the step
+    evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps quaternions of length one.
     """
 
     tableau: ButcherTableau
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+    law: str = "rhs"
 
     def __repr__(self) -> str:
         return method_repr(self, step=self.step, rtol=self.rtol, atol=self.atol)
@@ -50,6 +54,7 @@ class RungeKutta:
     def __post_init__(self) -> None:
         if not isinstance(self.tableau, ButcherTableau):
             raise StatementError(f"{shown(self.tableau)} is not a tableau: make one with lg.methods.tableau().")
+        one_of(self.law, ("rhs", "local"), "the law of a method is not {given}: give one of {known}.")
         check_options(self.step, self.rtol, self.atol)
 
     @property
@@ -66,7 +71,7 @@ class RungeKutta:
     @property
     def program(self) -> StepProgram:
         """The step; see `Stepped`."""
-        return runge_kutta_step(self.tableau)
+        return runge_kutta_step(self.tableau, self.law)
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
@@ -80,19 +85,32 @@ class RungeKutta:
 
     def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         dense, order = self.tableau.dense, self.tableau.order
-        if dense is None or dense.order < order - 1:
+        if dense is None or dense.order < order - 1 or self.law == "local":
             return hermite_path(order)(problem, times, states)
         return runge_kutta_path(problem, times, states, self.tableau)
 
 
 @lru_cache(maxsize=64)
-def runge_kutta_step(tableau: ButcherTableau) -> StepProgram:
-    """Return the step program of a tableau."""
-    estimate = tableau.error
-    if estimate is None:
+def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
+    """Return the step program of a tableau around a law, "rhs" or "local"."""
+    estimate, control = tableau.error, None
+    if estimate is not None:
+        control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
+    if law == "local":
+        return trace(tableau.name, partial(local_step, tableau), law=law, control=control)
+    if control is None:
         return trace(tableau.name, lambda f, t, y, h: moved(tableau, f, t, y, h)[0])
-    control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
     return trace(tableau.name, partial(moved, tableau), control=control)
+
+
+def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
+    """Return the state after a step in local coordinates about its start, and the error estimates of q and v."""
+
+    def slope(at: Any, state: Any) -> Any:
+        return np.array(g(at, *state, q)[:2], dtype=object)
+
+    end, *errors = moved(tableau, slope, t, np.array([q, v], dtype=object), h)
+    return *g(t + h, *end, q)[2:], *chain(*errors)
 
 
 @built_in("euler")
@@ -117,6 +135,12 @@ def Midpoint(step: float | None = None) -> RungeKutta:
 def RK4(step: float | None = None) -> RungeKutta:
     """Return the classical Runge-Kutta method, order 4."""
     return RungeKutta(classical.RK4, step=step)
+
+
+@built_in("munthe-kaas4")
+def MuntheKaas4(step: float | None = None) -> RungeKutta:
+    """Return Munthe-Kaas's method on the group of rotations, order 4: rk4 in local coordinates."""
+    return RungeKutta(replace(classical.RK4, name="munthe-kaas4"), step=step, law="local")
 
 
 @built_in("bs3")
