@@ -264,13 +264,19 @@ Move = tuple[float, float, float]
 """(x, r, s): an entry x of a state is moved to x + s r, with a random number r and a size s."""
 
 
+@lru_cache(maxsize=4)
+def scales_of(statement: Statement) -> Scales:
+    """Return the typical magnitudes of a statement, read once: an analysis makes hundreds of samplers."""
+    return Scales(statement)
+
+
 class Sampler:
     """Random points of a statement, the same for the same seed."""
 
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
         self._draw = random.Random(seed)
-        scales = Scales(statement)
+        scales = scales_of(statement)
         # Points with the default parameters share their sizes.
         self._sizes = lru_cache(maxsize=2)(
             lambda values, start: scales.sizes(dict(zip(statement.parameters, values, strict=True)), start)

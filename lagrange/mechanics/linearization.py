@@ -31,7 +31,14 @@ from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import StatedPoint, edges, stated_point, with_inputs_as_parameters
-from lagrange.mechanics.plain_form import in_decimals, in_fractions, numeric, simplest
+from lagrange.mechanics.plain_form import (
+    Shortener,
+    in_decimals,
+    in_fractions,
+    numeric,
+    simplest,
+    vanishes_in_symbols,
+)
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
 from lagrange.statement.notebook_page import ShownAsPage
@@ -131,13 +138,14 @@ class Linearization(ShownAsPage):
     def _inverse(self) -> Any:
         """Inverse of M, or of C if `first_order`. Raises StatementError if that matrix is singular at the point."""
         matrix, what = (self.C, "damping matrix C") if self.first_order else (self.M, "mass matrix")
-        determinant = simplest(matrix.det(method="berkowitz"))
-        if determinant == 0:
+        shortener = Shortener("the inverse of the " + what, vanishes_in_symbols)
+        try:
+            return shortener.solved(matrix, sympy.eye(matrix.rows))
+        except ZeroDivisionError:
             raise StatementError(
                 f"the {what} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
                 "coordinates that are regular there."
-            )
-        return (matrix.adjugate() / determinant).applyfunc(simplest)
+            ) from None
 
 
 def _again(values: dict[str, Any]) -> Linearization:
@@ -328,6 +336,8 @@ class AtPoint:
         e = self.equations
         names = dict(zip((*self.form.q, *self.form.v), (*e.q, *e.v), strict=True))
         self.here = {names[x] if x in names else e.translate(x): e.translate(value) for x, value in point.table.items()}
+        vanishes = (lambda _: False) if point.decimal else (lambda given: point.is_zero(given, ()))
+        self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
         """Return nodes as a matrix of expressions in parameters."""
@@ -355,11 +365,7 @@ class AtPoint:
 
     def short(self, given: Any) -> Any:
         """Return an expression in a short form, 0 where it vanishes."""
-        if not given.args:
-            return given
-        if not self.point.decimal and self.point.is_zero(given, ()):
-            return sympy.S.Zero
-        return simplest(given)
+        return self.shortener.short(given)
 
     def product(self, *factors: Any) -> Any:
         """Return the product of matrices, its entries in a short form."""
@@ -395,18 +401,9 @@ class DependentCoordinates:
     @cached_property
     def inverse(self) -> Any:
         """The inverse of G in the dependent columns, eliminated with the shortest pivot of each column."""
-        m, short = len(self.kept), self.here.short
-        wide = sympy.Matrix.hstack(self.gradient.extract(list(range(m)), self.dependent), sympy.eye(m))
-        for j in range(m):
-            candidates = [i for i in range(j, m) if wide[i, j] != 0]
-            if wide.has(sympy.Float):
-                candidates = [max(candidates, key=lambda i: abs(complex(wide[i, j])) if wide[i, j].is_number else 1.0)]
-            wide.row_swap(j, min(candidates, key=lambda i: (sympy.count_ops(wide[i, j]), i)))
-            wide[j, :] = (wide[j, :] / wide[j, j]).applyfunc(short)
-            for i in range(m):
-                if i != j and wide[i, j] != 0:
-                    wide[i, :] = (wide[i, :] - wide[i, j] * wide[j, :]).applyfunc(short)
-        return wide[:, m:]
+        m = len(self.kept)
+        columns = self.gradient.extract(list(range(m)), self.dependent)
+        return self.here.shortener.solved(columns, sympy.eye(m))
 
     def solved(self, right: Any) -> Any:
         """Return X, n rows, with G X = -`right` and zeros for independent coordinates."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
+from lagrange.errors import StatementError
 from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
 from lagrange.evidence.sample import SampleKind, SamplePoint
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
@@ -134,6 +135,20 @@ def size(given: Any) -> int:
     return int(sympy.count_ops(given))
 
 
+def written_out(given: Any) -> int:
+    """Return the number of nodes of an expression as a tree, with one visit of each different node."""
+    sizes: dict[Any, int] = {}
+    stack = [given]
+    while stack:
+        node = stack[-1]
+        missing = [] if node in sizes else [arg for arg in node.args if arg not in sizes]
+        if missing:
+            stack += missing
+        else:
+            sizes[stack.pop()] = 1 + sum(sizes[arg] for arg in node.args)
+    return sizes[given]
+
+
 def is_zero(given: Any) -> bool:
     """Return True if SymPy can show that an expression is identically zero."""
     if given.is_zero is not None:
@@ -187,6 +202,52 @@ def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
     if given.is_Pow and given.base.is_Add and given.exp.is_Integer and given.exp.is_positive:
         return size_of_terms(given.base, values) ** int(given.exp)
     return abs(number(given, values))
+
+
+MOST_NODES = 15_000
+"""Largest number of nodes of the expressions that one analysis shortens, as trees: some 15 s of work."""
+
+
+class Shortener:
+    """Short forms of expressions, until all of them exceed the bound together. The refusal names `what` they make up.
+
+    `vanishes` returns True for an expression that is zero in disguise.
+    """
+
+    def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:
+        self.what, self.vanishes, self.nodes = what, vanishes, 0
+
+    def short(self, given: Any) -> Any:
+        """Return an expression in a short form, 0 where it vanishes. Raises StatementError beyond the bound."""
+        if not given.args:
+            return given
+        self.nodes += written_out(given)
+        if self.nodes > MOST_NODES:
+            raise StatementError(
+                f"{self.what} would be formulas of more than {MOST_NODES:,} symbols and operations: give numbers "
+                "in place of parameters, by substitute({parameter: number}), or choose a point with more zeros."
+            )
+        return sympy.S.Zero if self.vanishes(given) else simplest(given)
+
+    def solved(self, matrix: Any, right: Any) -> Any:
+        """Return X with `matrix` X = `right`, eliminated with the shortest pivot of each column.
+
+        Raises ZeroDivisionError for a singular matrix.
+        """
+        m, short = matrix.rows, self.short
+        wide = sympy.Matrix.hstack(matrix, right)
+        for j in range(m):
+            candidates = [i for i in range(j, m) if wide[i, j] != 0]
+            if not candidates:
+                raise ZeroDivisionError
+            if wide.has(sympy.Float):
+                candidates = [max(candidates, key=lambda i: abs(complex(wide[i, j])) if wide[i, j].is_number else 1.0)]
+            wide.row_swap(j, min(candidates, key=lambda i: (size(wide[i, j]), i)))
+            wide[j, :] = (wide[j, :] / wide[j, j]).applyfunc(short)
+            for i in range(m):
+                if i != j and wide[i, j] != 0:
+                    wide[i, :] = (wide[i, :] - wide[i, j] * wide[j, :]).applyfunc(short)
+        return wide[:, m:]
 
 
 IMAGINARY = 1e-20

@@ -14,7 +14,7 @@ import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import linearization
 from lagrange.mechanics.expansion import stated_point
-from lagrange.mechanics.plain_form import numeric
+from lagrange.mechanics.plain_form import Shortener, numeric
 
 m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
 u = lg.parameters("u", positive=False)
@@ -280,3 +280,38 @@ def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(linearization.AtPoint, "slopes", wrong)
     with pytest.raises(RunError, match=r"the linearization of cart is wrong: a formula gives .* is compiled, at "):
         cart().linearize({theta: pi}, inputs=[u])
+
+
+def test_formulas_of_any_size_are_refused_without_being_walked() -> None:
+    """The expression has 2^60 nodes as a tree, and 180 different ones."""
+    large = x
+    for number in range(60):
+        large = (large + number) * (large - 1)
+    shortener = Shortener("A", lambda _: False)
+    with pytest.raises(StatementError, match=r"^A would be formulas of more than 15,000 symbols and op"):
+        shortener.short(large)
+
+
+@pytest.mark.slow
+def test_accelerations_of_many_masses_are_refused() -> None:
+    """The determinant of the mass matrix alone is longer. Four links took 50 s, for 37,000 operations."""
+    n = 6
+    angles = [lg.coordinate(f"angle_{i}") for i in range(n)]
+    masses = sympy.symbols(f"m0:{n}", positive=True)
+    pairs = [(i, j) for i in range(n) for j in range(n)]
+    kinetic = sum(masses[max(i, j)] * cos(angles[i] - angles[j]) * angles[i].dot * angles[j].dot for i, j in pairs)
+    chain = lg.System(kinetic / 2, sum(m * cos(q) for m, q in zip(masses, angles, strict=True)), name="chain")
+    with pytest.raises(StatementError, match=r"^the linear equations of chain about this point would be .* 15,000 sym"):
+        chain.linearize({q: sympy.Rational(1, 3 + i) for i, q in enumerate(angles)})
+
+
+def test_the_inverse_of_a_sparse_mass_matrix_is_short() -> None:
+    """The inverse of the mass matrix of a chain is tridiagonal; minors over a determinant had 100,000 operations."""
+    n = 5
+    places = [lg.coordinate(f"x_{i}") for i in range(n)]
+    masses = sympy.symbols(f"m0:{n}", positive=True)
+    speeds = [sum(q.dot for q in places[: i + 1]) for i in range(n)]
+    chain = lg.System(sum(m * v**2 for m, v in zip(masses, speeds, strict=True)) / 2, sum(q**2 for q in places) / 2)
+    rates = chain.linearize().A[n:, :n]
+    assert all((rates[i, j] == 0) is (abs(i - j) > 1) for i in range(n) for j in range(n))
+    assert sum(rate.count_ops() for rate in rates) < 40
