@@ -57,8 +57,8 @@ ROUNDING = 1e-9
 def _refusal(instead: str) -> Callable[..., NoReturn]:
     """Return a method that refuses an operation on a rotation. `instead` is the remedy; {0} in it is the name."""
 
-    def refuse(self: Rotation, *others: Any) -> NoReturn:
-        del others
+    def refuse(self: Rotation, *others: Any, **options: Any) -> NoReturn:
+        del others, options
         raise StatementError(f"{self.name} is a rotation, a 3 by 3 matrix: {instead.format(self.name)}.")
 
     return refuse
@@ -121,14 +121,16 @@ class Rotation:
         if isinstance(other, Rotation):
             return self.matrix * other.matrix
         parts = entries(other, f"the vector that {self.name} turns")
-        if parts is None or len(parts) != 3:
-            given = shown(other) if parts is None else f"{len(parts)} entries"
+        is_matrix = isinstance(other, sympy.MatrixBase)
+        if parts is None or len(parts) != 3 or (is_matrix and other.cols != 1):
+            given = shown(other) if parts is None else "a row" if len(parts) == 3 else f"{len(parts)} entries"
             raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {given}.")
-        return self.matrix * (other if isinstance(other, sympy.MatrixBase) else in_space(parts))
+        return self.matrix * (other if is_matrix else in_space(parts))
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _refusal(
+    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _sympy_ = __array_ufunc__ = _refusal(
         "use its entries {0}[i, j], its rates {0}.body and {0}.space, or a turned vector {0}*v"
     )
+    """SymPy calls `_sympy_` for a scalar, and NumPy `__array_ufunc__` for its functions and operators."""
     _before = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
 
     __matmul__ = __mul__
@@ -499,6 +501,12 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
     for each in rotations:
         scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
         mean = sympy.expand(sum(inertias) / 3)
+        if mean.has(sympy.nan, sympy.zoo, sympy.oo):
+            raise StatementError(
+                f"the kinetic energy has a root or a quotient that is singular where {each.name}.body is zero, so "
+                f"{each.name} has no inertia there: make it smooth at rest, such as {each.name}.body.dot("
+                f"J*{each.name}.body)/2."
+            )
         if mean.is_zero or mean.is_finite is False:
             raise StatementError(without_inertia(each.name))
         if scalar.is_zero:
@@ -516,34 +524,45 @@ def without_inertia(name: str) -> str:
     )
 
 
-def _inertia(kinetic: Any, each: Rotation) -> list[list[Any]]:
+def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[Any]]:
     """Return d2T/dv2 by the velocities of a quaternion, (4, 4), where R is the identity.
 
-    Other coordinates are one, and all velocities zero.
+    Other coordinates are one, and all velocities zero. If the body is not `still`, its velocities are symbols instead.
     """
     here = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in here and f.args == (t,)]
     rates = {velocity_of(q): sympy.Dummy() for q in each.quaternion}
-    still = {velocity_of(f): sympy.S.Zero for f in others}
-    energy = kinetic.xreplace({**here, **dict.fromkeys(others, sympy.S.One), **still, **rates})
-    rest = dict.fromkeys(rates.values(), sympy.S.Zero)
+    resting = {velocity_of(f): sympy.S.Zero for f in others}
+    energy = kinetic.xreplace({**here, **dict.fromkeys(others, sympy.S.One), **resting, **rates})
+    rest = dict.fromkeys(rates.values(), sympy.S.Zero) if still else {}
     return [[sympy.diff(energy, a, b).xreplace(rest) for b in rates.values()] for a in rates.values()]
+
+
+@lru_cache(maxsize=64)
+def _moments(kinetic: Any, name: str) -> list[list[Any]] | None:
+    """Return the inertia matrix of a rotation about the axes of its body, (3, 3), in parameters.
+
+    Returns None if it contains anything else, if the rates are coupled to other velocities, as by a constraint that was
+    put into the energy, and if the energy is not quadratic in them: no body alone has such an inertia.
+    """
+    each = rotation_of(name)
+    others = [f for f in kinetic.atoms(sympy.Derivative) if rotation_name(f.expr) != name]
+    if others and any(kinetic.diff(velocity_of(q)).has(*others) for q in each.quaternion):
+        return None
+    rows = [[entry / 4 for entry in row[1:]] for row in _inertia(kinetic, each, still=False)[1:]]
+    return None if any(entry.atoms(AppliedUndef, sympy.Dummy) for row in rows for entry in row) else rows
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
-    `values` are those of parameters. Inertias that contain anything else are not judged, nor those of a body whose
-    rates are coupled to other velocities, as by a constraint that was put into the energy.
+    `values` are those of parameters. An inertia that contains anything else is not judged; see `_moments`.
     """
-    each = rotation_of(name)
-    others = [f for f in kinetic.atoms(sympy.Derivative) if rotation_name(f.expr) != name]
-    if others and any(kinetic.diff(velocity_of(q)).has(*others) for q in each.quaternion):
+    rows = _moments(kinetic, name)
+    if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):
         return
-    rows = [[entry.xreplace(dict(values)) / 4 for entry in row[1:]] for row in _inertia(kinetic, each)[1:]]
-    if not all(entry.is_number for row in rows for entry in row):
-        return
-    least, middle, most = np.linalg.eigvalsh(np.array(rows, dtype=float))
+    numbers = [[entry.xreplace(dict(values)) for entry in row] for row in rows]
+    least, middle, most = np.linalg.eigvalsh(np.array(numbers, dtype=float))
     if least < -ROUNDING * most or most > (least + middle) * (1 + ROUNDING):
         raise StatementError(
             f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "

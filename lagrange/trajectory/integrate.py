@@ -20,6 +20,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
+from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
@@ -59,6 +60,8 @@ def integrate(
     require_values(statement)
     check_span(statement, t0, t1)
     values = model.parameter_values(options.parameters)
+    for name in statement.rotations if options.parameters else ():
+        check_moments(statement.kinetic, name, values)
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     start, constrained = given, bool(model.equations.constraints)
     began = time.perf_counter() if began is None else began

@@ -241,6 +241,18 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: lg.System(R.body.dot(diag(1, 1, 3) * R.body) / 2),
         "the moments of inertia of R are 1, 1 and 3",
     ),
+    "a moment above the sum at a run": (
+        lambda: lg.System(R.body.dot(diag(1, 1, m) * R.body) / 2).run(1.0, parameters={m: 3}),
+        "the moments of inertia of R are 1, 1 and 3",
+    ),
+    "a row": (lambda: R * lg.x.T, "turns a vector of three entries, not a row"),
+    "right of an array": (lambda: R.__array_ufunc__(np.matmul, "__call__", np.eye(3), R), "use its entries"),
+    "an argument of SymPy": (lambda: sympy.sin(R), "use its entries"),
+    "an argument of NumPy": (lambda: np.sin(R), "use its entries"),
+    "a root that is singular at rest": (
+        lambda: lg.System(sympy.sqrt(R.body.dot(R.body))),
+        "a root or a quotient that is singular where R.body is zero",
+    ),
     "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "has no R.body, so R has no inertia"),
     "Hamilton's equations": (lambda: top().hamiltonian(), "are not written out for rotations"),
     "a name": (lambda: lg.rotation("1x"), "cannot name a rotation"),
@@ -253,6 +265,11 @@ def test_what_has_no_meaning_is_refused(case: str) -> None:
     with pytest.raises(lg.StatementError, match=sentence) as refusal:
         attempt()
     assert len(str(refusal.value)) <= 400
+
+
+def test_an_energy_that_is_not_quadratic_in_the_rates_has_no_moments_to_judge() -> None:
+    rates = R.body.dot(R.body)
+    assert lg.System(rates + sympy.sqrt(1 + 100 * R.body[0] ** 2)).check(points=1)
 
 
 def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
