@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Mapping
 from graphlib import TopologicalSorter
-
-import pytest
 
 from tests.test_layering import ROOT, Modules, imports_of, package
 
@@ -160,23 +157,3 @@ def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
     page = (ROOT / "docs" / "dev" / "extending.md").read_text("utf-8")
     folders = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
     assert [name for name in sorted(folders - {"mutants"}) if f"`tests/{name}" not in page] == []
-
-
-@pytest.mark.parametrize(
-    ("module", "source"),
-    [
-        ("machine.kernel.llvm_module", "from lagrange.machine.steps.llvm_layout import laid_out"),
-        ("machine.llvm.emitter", "import lagrange.machine.kernel.llvm_module"),
-        ("trajectory.trajectory", "from lagrange.trajectory import run_loop"),
-        (
-            "trajectory.paths.sampled",
-            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from lagrange.trajectory.events import roots",
-        ),
-        ("trajectory.methods.explicit", "from lagrange.trajectory.foreign import driver"),
-        ("trajectory.messages", "from lagrange.trajectory.integrate import integrate"),
-        ("trajectory.new_module", "from lagrange.trajectory.trajectory import Status"),
-    ],
-)
-def test_an_arrow_that_flows_back_is_seen(module: str, source: str) -> None:
-    targets = {name: ast.parse("") for name in package()}
-    assert len(strange({**targets, f"lagrange.{module}": ast.parse(source)})) == 1
