@@ -61,7 +61,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     ),
     "trajectory parts": (
         *("trajectory/constraints", "trajectory/measures"),
-        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
+        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/contact": (
         *("machine records", "machine entries"),

@@ -13,9 +13,9 @@ from lagrange.equations.singular import Singular, dependent_rows, few, motion_al
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
-from lagrange.trajectory.constraints.approach import Independence, regularity
+from lagrange.trajectory.constraints.approach import regularity
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
-from lagrange.trajectory.constraints.passage import dependent_passage
+from lagrange.trajectory.constraints.passage import Nearness, dependent_passage
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number, row_names
 from lagrange.trajectory.paths.known import OutputPath
@@ -104,7 +104,8 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
         what = f"these derivatives are {share:.2g} of what they were at the start"
     return (
         f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what}, and the "
-        "accelerations grow beyond all bounds. End the run before it."
+        "accelerations grow beyond all bounds. End the run before it, or, if the motion is smooth there, pass it with "
+        "equal steps, such as those of rk4."
     )
 
 
@@ -207,13 +208,14 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
         slope = model.kernel("rhs")(t, y, parameters)
     except SingularMassMatrix:
         return ""
-    start, near = (problem.t0, problem.y0), Independence(model, parameters, (problem.t0, problem.y0))
-    ahead = [(t + s * step, y + s * step * slope) for s in np.linspace(0.0, STEPS_AHEAD, PLACES_AHEAD).tolist()]
-    values = [near.at(*place) for place in ahead]
+    near = Nearness(model, parameters, np.array([problem.t0]), problem.y0[None])
+    lengths = step * np.linspace(0.0, STEPS_AHEAD, PLACES_AHEAD)
+    times, states = t + lengths, y + lengths[:, None] * slope
+    values = near.at(times, states, list(range(PLACES_AHEAD)))
     least = int(np.argmin(values))
     if not values[least] <= MUCH_NEARER * values[0]:
         return ""
-    found = regularity(model, parameters, start, ahead[least])
+    found = regularity(model, parameters, (problem.t0, problem.y0), (float(times[least]), states[least]))
     return "" if found is None or not found[1].rows else crossing(problem, found[1], y)
 
 

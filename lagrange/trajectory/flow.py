@@ -24,9 +24,8 @@ from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
 from lagrange.trajectory.contact.run import run_through_contacts
-from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.parts import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
 from lagrange.trajectory.sizes import raise_to_noise, survey
@@ -218,7 +217,7 @@ class Flow:
         """Return the last state (2n,) of a run by the integrator. Raises RunError with its message if it failed."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
-        run = partial(run_over_crossings, self._integrator)
+        run = partial(run_by, self._integrator)
         trajectory = run_through_contacts(problem, run) if self._model.statement.contacts else run(problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)

@@ -26,11 +26,11 @@ from lagrange.trajectory.constraints.consistent import consistent_start, moved_s
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
-from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.pace import memory_limit
-from lagrange.trajectory.parts import run_in_segments, run_over_crossings
+from lagrange.trajectory.parts import run_in_segments
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -112,7 +112,7 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
                 check_independent(model, problem.t0, problem.y0, problem.parameter_array)
     except PreparationTooLongError as late:
         return not_begun(problem, integrator.name, str(late))
-    trajectory = run_over_crossings(integrator, problem)
+    trajectory = run_by(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
     if trajectory.status.complete and constrained:

@@ -1,10 +1,9 @@
-"""Runs in parts: over configurations where constraints become dependent, and over changes of parameters."""
+"""Runs in parts: over changes of parameters, and of contacts."""
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,19 +13,16 @@ from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, listing
 from lagrange.statement.event import Event
-from lagrange.trajectory.constraints.approach import NEAR, Independence, regularity
 from lagrange.trajectory.constraints.consistent import consistent_start
-from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.events.actions import ALIKE, impacts
 from lagrange.trajectory.events.end_messages import EventResult, accumulating, nowhere
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
-from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.piecewise import PiecewisePath
-from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory, run_until
+from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 
 def last_state(part: Trajectory) -> FloatArray:
@@ -108,160 +104,6 @@ def joined(
         atol=first.atol,
         t_events=tuple(np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)),
         y_events=tuple(np.concatenate(states) for states in zip(*(part.y_events for part in parts), strict=True)),
-    )
-
-
-FAR = 0.03
-"""Least singular value of the constraints at which equal steps begin, as a fraction of the value at the start.
-
-Rounding errors of velocities are 1e-13 there."""
-
-FIRST_DISTANCE, FARTHER = 1e-6, 1.5
-"""First distance from the end at which that place is searched, as a fraction of the run, and its growth factor."""
-
-SAMPLES, NEAREST_SAMPLE = 8, 0.25
-"""Number of singular values whose extrapolated zero is the crossing, and the nearest of them.
-
-They are taken between that distance and this fraction of it before the end.
-"""
-
-OFFSET = 0.3
-"""Fraction of a step at which the crossing lies, away from the stages of rk4 at 0, 1/2 and 1."""
-
-FEWEST_STEPS, DOUBLINGS = 8, 6
-"""First number of steps to the crossing, and the most numbers that are tried, each twice the one before.
-
-The search ends if two successive results agree to the tolerance, or better than the next two. With 64 and 128 steps
-errors were 1e-13 to 1e-12.
-"""
-
-AGREEMENT, LEAST_AGREEMENT = 10.0, 1e-11
-"""Largest accepted difference of two results: multiple of rtol, and least value, which is rounding noise.
-
-It is relative to the largest coordinate, and to the largest velocity.
-"""
-
-MOST_NAMED = 3
-"""Largest number of crossings, and of constraints, that a note names."""
-
-MOST_CROSSINGS = 1000
-"""Largest number of crossings that one run passes."""
-
-ENDS = (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
-"""Statuses of a run that ends before a crossing."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Crossing:
-    """A configuration where motions cross because constraints become dependent.
-
-    Equal steps begin at the time `begin` in the state `y` (2n,). Motions cross at `time`, where the constraints `names`
-    are dependent.
-    """
-
-    begin: float
-    y: FloatArray
-    time: float
-    names: tuple[str, ...]
-
-
-def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Run a problem by a method; a method with error control passes crossings of motions by equal steps of rk4."""
-    found = run_by(integrator, problem)
-    constrained = len(problem.model.equations.constraints) > 0
-    if not constrained or found.status not in ENDS or not found.rtol or may_be_discontinuous(problem.model):
-        return found
-    parts, crossings = [found], list[_Crossing]()
-    while len(crossings) < MOST_CROSSINGS and parts[-1].status in ENDS:
-        crossing = _crossing_at_end(problem, parts[-1])
-        if crossing is None:
-            break
-        over = _led_over(rest_of(problem, parts, crossing.begin, crossing.y), crossing, found.rtol)
-        if over is None:
-            break
-        crossings.append(crossing)
-        parts = [*parts[:-1], run_until(parts[-1], crossing.begin), over]
-        if over.status is Status.SUCCESS and over.span[1] != problem.t1:
-            parts.append(run_by(integrator, rest_of(problem, parts, over.span[1], last_state(over))))
-    if not crossings:
-        return found
-    whole = joined(problem, parts, _crossed(crossings))
-    return whole if problem.t_eval is not None else replace(whole, steps=len(whole.t) - 1)
-
-
-def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
-    """Return the crossing before which a run ended, or None without a crossing or without dense output."""
-    path = part.dense.path if isinstance(part.dense, OutputPath) else part.dense
-    (begin, end), near = part.span, Independence(problem.model, problem.parameter_array, (problem.t0, problem.y0))
-    if path is None or near.at(end, last_state(part)) > NEAR:
-        return None
-
-    def values(times: list[float]) -> FloatArray:
-        return np.array([near.at(t, y) for t, y in zip(times, part.dense(np.array(times)).T, strict=True)])
-
-    distance = FIRST_DISTANCE * (end - problem.t0)
-    while abs(distance) < abs(end - begin) and values([end - distance])[0] < FAR:
-        distance *= FARTHER
-    shares = np.linspace(1.0, NEAREST_SAMPLE, SAMPLES)
-    if not abs(distance) < abs(end - begin):
-        return None
-    polynomial = np.polyfit(shares, values((end - shares * distance).tolist()), 3)
-    roots = [root.real for root in np.roots(polynomial) if abs(root.imag) < NEAREST_SAMPLE]
-    if not roots or min(map(abs, roots)) > NEAREST_SAMPLE:
-        return None
-    found = regularity(problem.model, problem.parameter_array, near.start, (end, last_state(part)))
-    if found is None or not found[1].rows:
-        return None
-    names = tuple(problem.model.equations.constraints.names[i] for i, _ in found[1].rows)
-    at_begin = np.ascontiguousarray(part.dense(np.array([end - distance]))[:, 0])
-    return _Crossing(end - distance, at_begin, end - min(roots, key=abs) * distance, names)
-
-
-def _led_over(rest: Problem, crossing: _Crossing, rtol: float) -> Trajectory | None:
-    """Return the run by equal steps over a crossing, or None if no two step lengths agree."""
-    before, best, least = None, None, math.inf
-    for way in _ways(rest, crossing):
-        apart = math.inf if before is None else _apart(rest, before, way)
-        if apart > least:
-            break
-        best, least, before = way, apart, way
-        if apart <= rtol:
-            break
-    return best if least <= max(AGREEMENT * rtol, LEAST_AGREEMENT) else None
-
-
-def _ways(rest: Problem, crossing: _Crossing) -> Iterator[Trajectory]:
-    """Yield runs over a crossing by equal steps, each with half the step of the one before."""
-    ahead = crossing.time - crossing.begin
-    end = crossing.begin + 2.0 * ahead
-    end = min(end, rest.t1) if ahead > 0 else max(end, rest.t1)
-    wanted = rest.t_eval
-    outputs = None if wanted is None else wanted[np.abs(wanted - crossing.begin) <= abs(end - crossing.begin)]
-    for doubling in range(DOUBLINGS):
-        step = abs(ahead) / (FEWEST_STEPS * 2**doubling + OFFSET)
-        yield RK4().integrate(replace(rest, t1=end, t_eval=outputs, step=step, rtol=None, atol=None))
-
-
-def _apart(rest: Problem, one: Trajectory, other: Trajectory) -> float:
-    """Return the distance of the ends of two runs, relative to the largest coordinate, and velocity.
-
-    It is infinite if one of them failed.
-    """
-    if not (one.status.complete and one.status is other.status):
-        return math.inf
-    a, b = (rest.model.layout.split(last_state(part)) for part in (one, other))
-    return max(float(np.abs(x - y).max() / (np.abs(y).max() or 1.0)) for x, y in zip(a, b, strict=True))
-
-
-def _crossed(crossings: Sequence[_Crossing]) -> str:
-    """Return the note on a run over crossings."""
-    places = [f"t = {number(one.time)}" for one in crossings[:MOST_NAMED]]
-    places += [f"{len(crossings) - MOST_NAMED} later times"] * (len(crossings) > MOST_NAMED)
-    names = list(map(repr, crossings[0].names[:MOST_NAMED]))
-    names += [f"{len(crossings[0].names) - MOST_NAMED} more"] * (len(crossings[0].names) > MOST_NAMED)
-    return (
-        f"Equal steps of rk4 led over {listing(places)}, where constraints become dependent and other motions cross: "
-        f"{listing(names)}."
     )
 
 

@@ -187,7 +187,7 @@ def _ended(
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
-    # An interrupted run is not continued over crossings.
+    # What an interrupted run has passed is not inspected: the user waits.
     looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
     if looked_at and not rows.dropped:
         found = until_dependent(problem, plan.tolerances.rtol, found, accepted)

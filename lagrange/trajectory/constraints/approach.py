@@ -6,13 +6,10 @@ order r**2, and a run needs about 1/r steps to reach the length r.
 
 from __future__ import annotations
 
-import numpy as np
-
 from lagrange.equations.singular import Singular, least_regular, matrices_at, scales
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.constraints.residuals import residuals_of
 
 FIRST_TEST = 2**18
 """Steps until the first test of a run. Later tests are at each double of that number; a test takes 0.1 ms."""
@@ -39,28 +36,6 @@ def regularity(model: Model, parameters: FloatArray, start: State, here: State) 
     if first is None or found is None or not first.regularity:
         return None
     return found.regularity / first.regularity, found
-
-
-class Independence:
-    """The independence of a model's constraints: the least singular value of G relative to that at a start.
-
-    The rows of G are scaled by their lengths at the start.
-    """
-
-    def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
-        self.start, self._parameters, self._residuals = start, parameters, residuals_of(model)
-        self._rows = [self._residuals.names.index(name) for name in model.equations.constraints.names]
-        first = self._residuals.gradient(*start, parameters)[self._rows]
-        lengths = np.sqrt((first**2).sum(axis=1))
-        self._lengths, self._first = np.where(lengths > 0, lengths, 1.0)[:, None], 1.0
-        self._first = self.at(*start) or 1.0
-
-    def at(self, t: float, y: FloatArray) -> float:
-        """Return the relative least singular value at a state (2n,), or infinity if G is not finite there."""
-        rows = self._residuals.gradient(t, y, self._parameters)[self._rows] / self._lengths
-        if not np.isfinite(rows).all():
-            return np.inf
-        return float(np.linalg.svd(rows, compute_uv=False)[-1]) / self._first
 
 
 class Approach:

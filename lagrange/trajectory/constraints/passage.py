@@ -109,7 +109,7 @@ def dependent_passage(
     sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
-    near, bound = _Nearness(model, parameters, times, states, start), CLOSE * math.sqrt(rtol)
+    near, bound = Nearness(model, parameters, times, states, start), CLOSE * math.sqrt(rtol)
     for shortest, series in _short_steps(sizes):
         if near.at(times, states, [shortest])[0] > max(SURELY_FAR * bound, ON_THE_WAY):
             continue
@@ -143,7 +143,7 @@ def _few(rows: range) -> list[int]:
     return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
 
 
-class _Nearness:
+class Nearness:
     """The least singular value of G at states, relative to that of the motion.
 
     The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
@@ -151,7 +151,7 @@ class _Nearness:
     """
 
     def __init__(
-        self, model: Model, parameters: FloatArray, times: FloatArray, states: FloatArray, start: State | None
+        self, model: Model, parameters: FloatArray, times: FloatArray, states: FloatArray, start: State | None = None
     ) -> None:
         self._residuals, self._parameters = residuals_of(model), parameters
         self._rows = [self._residuals.names.index(name) for name in model.equations.constraints.names]
