@@ -22,6 +22,7 @@ from lagrange.show.figures.run_figure import plot as plot
 from lagrange.show.notebook.shown_lists import scenes as scenes
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
+from lagrange.statement.contact import along as along
 from lagrange.statement.contact import contact as contact
 from lagrange.statement.contact import contacts_between as contacts_between
 from lagrange.statement.contact import gap as gap

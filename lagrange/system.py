@@ -72,40 +72,40 @@ class System:
         dimensions: Mapping[Any, Any] | None = None,
         contacts: Mapping[str, Any] | None = None,
         simultaneous: str | None = None,
+        surfaces: Mapping[str, Any] | None = None,
     ) -> None:
         """State a system.
 
-        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default those that appear in the
-        expressions, in order of declaration. `forces` maps a coordinate to its generalized force. `dissipation` is
-        Rayleigh's D, with force -dD/dv. `constraints` are expressions that stay zero, or Eq, in a list or by name.
-        Those without velocities are holonomic. With `redundant="allow"` some constraints may follow from others; they
-        share their forces. `parameters` maps symbols or names to default values. `initial` maps coordinates and
-        velocities to numbers, 0 by default. `positions` names points (x, y) or (x, y, z) to draw. `links` are pairs
-        of these names, or triples such as ("origin", "bob", "spring"). `dimensions` maps symbols or names to
-        dimensions or units, {m: "mass", l: "m"}. Every term is then checked, and axes have units where units were
-        stated. `contacts` maps names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one
-        instant: "newton" for all at once, "sequence" for one after the other.
+        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default those of the expressions, in order
+        of declaration. `forces` maps a coordinate to its generalized force. `dissipation` is Rayleigh's D, with force
+        -dD/dv. `constraints` are expressions that stay zero, or Eq, in a list or by name, holonomic without velocities.
+        With `redundant="allow"` some may follow from others; they share their forces. `parameters` maps symbols or
+        names to default values. `initial` maps coordinates and velocities to numbers, 0 by default. `positions` names
+        points (x, y) or (x, y, z) to draw. `links` are pairs of these names, or triples such as ("origin", "bob",
+        "spring"). `surfaces` names lines to draw, such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
+        maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
+        names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one instant, newton or sequence.
         """
-        self._adopt(
-            declare(
-                kinetic=kinetic,
-                potential=potential,
-                lagrangian=lagrangian,
-                coordinates=coordinates,
-                forces=forces,
-                dissipation=dissipation,
-                constraints=constraints,
-                redundant=redundant,
-                parameters=parameters,
-                initial=initial,
-                positions=positions,
-                links=links,
-                name=name,
-                dimensions=dimensions,
-                contacts=contacts,
-                simultaneous=simultaneous,
-            )
+        statement = declare(
+            kinetic=kinetic,
+            potential=potential,
+            lagrangian=lagrangian,
+            coordinates=coordinates,
+            forces=forces,
+            dissipation=dissipation,
+            constraints=constraints,
+            redundant=redundant,
+            parameters=parameters,
+            initial=initial,
+            positions=positions,
+            links=links,
+            name=name,
+            dimensions=dimensions,
+            contacts=contacts,
+            simultaneous=simultaneous,
+            surfaces=surfaces,
         )
+        self._adopt(statement)
 
     def _adopt(self, statement: Statement) -> None:
         self.statement = statement

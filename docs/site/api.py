@@ -21,7 +21,7 @@ FUNCTIONS = {
         ("coordinate", "coordinates", "parameters", "t", "given", "table", "multiplier", "event"),
         ("kinetic_energy", "rotational_energy", "gravity", "spring"),
         ("rotation", "turn", "x", "y", "z"),
-        ("contact", "contacts_between", "gap", "impact_speed"),
+        ("along", "contact", "contacts_between", "gap", "impact_speed"),
         ("scene", "scenes"),
     ),
     "run": (
@@ -57,6 +57,7 @@ DATA = {
     "x": "The unit vector along the axis x, a SymPy matrix of three rows.",
     "y": "The unit vector along the axis y, a SymPy matrix of three rows.",
     "z": "The unit vector along the axis z, a SymPy matrix of three rows.",
+    "along": "The part of a surface up to one of its points, from 0 to 1, a SymPy symbol, for `surfaces` of a System.",
     "impact_speed": "The speed -dgap/dt before an impact, a SymPy symbol, for the restitution of a contact.",
     "__version__": "The version of the package, a text.",
 }

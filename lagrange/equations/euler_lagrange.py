@@ -505,7 +505,7 @@ def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Stat
     depends = 0
     for node in nodes:
         depends |= node.depends
-    drawn = {s for point in statement.positions.values() for entry in point for s in entry.free_symbols}
+    drawn = {s for point in statement.drawn.values() for entry in point for s in entry.free_symbols}
     pairs = zip(statement.parameters, e.parameters, strict=True)
     rates = dict(statement.inputs)
     dropped = {

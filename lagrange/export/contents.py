@@ -284,7 +284,7 @@ def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
     statement = model.statement
     stated: dict[str, list[Any]] = {
         "events": [event.expression for event in events],
-        "positions": [entry for point in statement.positions.values() for entry in point],
+        "positions": [entry for point in statement.drawn.values() for entry in point],
         "energies": [statement.kinetic, statement.potential],
     }
     if name not in stated:
@@ -372,7 +372,7 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
         case "energies":
             return ("kinetic", "potential")
         case "positions":
-            points = model.statement.positions.items()
+            points = model.statement.drawn.items()
             return tuple(f"{one}_{axis}" for one, entries in points for axis in "xyz"[: len(entries)])
         case _:
             return tuple(f"event{k}" for k in range(len(program.outputs)))

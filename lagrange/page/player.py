@@ -111,7 +111,7 @@ def _trails(seconds: float) -> str:
 
 def _rows(record: Recording) -> list[FloatArray]:
     """Return the rows of numbers, (S,) each: entries of all points, of the state, E, T and V, and the drift."""
-    names = [*record.statement.positions]
+    names = [*record.statement.drawn]
     dimension = max((len(record.points[name]) for name in names), default=0)
     zero = np.zeros(len(record.t))
     points = [[*record.points[name], zero][:dimension] for name in names]

@@ -65,12 +65,16 @@ def _letter(letter: str, dots: int) -> str:
 def _points(statement: Statement) -> dict[str, Any]:
     """Return the named points, their dimension, and the links by the indices of their ends; the last is the origin.
 
+    Points along surfaces follow the named ones, `drawn` in all: each of `surfaces` has the index of its first point,
+    and the number of its points.
     `colours` has the index of the colour of each point, null for fixed points; `size` is the factor of their size.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
     places = {name: place for place, name in enumerate([*names, ORIGIN])}
     links = [[places[link.start], places[link.end], link.kind] for link in statement.links]
+    sizes = [len(line) for line in statement.outlines.values()]
+    firsts = np.cumsum([len(names), *sizes]).tolist()
     moving = moving_points(statement)
     several = len(moving) <= MOST_NAMED
     numbers = {name: number if several else 0 for number, name in enumerate(moving)}
@@ -80,6 +84,8 @@ def _points(statement: Statement) -> dict[str, Any]:
         "size": point_look(len(moving))[1],
         "dimension": dimension,
         "links": links,
+        "drawn": len(statement.drawn),
+        "surfaces": [[first, size] for first, size in zip(firsts, sizes, strict=False)],
     }
 
 

@@ -21,6 +21,9 @@ NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
 impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
 """The speed -dgap/dt before an impact, for a restitution that depends on it."""
 
+along = sympy.Symbol("along", real=True)
+"""The part of a surface up to one of its points, from 0 to 1: the surface from (0, 0) to (2, 1) is (2*along, along)."""
+
 
 @dataclass(frozen=True)
 class Contact:

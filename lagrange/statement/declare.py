@@ -15,7 +15,7 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.contact import declare_contacts
+from lagrange.statement.contact import along, declare_contacts
 from lagrange.statement.coordinate import (
     COORDINATES,
     check_name,
@@ -76,6 +76,7 @@ def declare(
     dimensions: Mapping[Any, Any] | None = None,
     contacts: Mapping[str, Any] | None = None,
     simultaneous: str | None = None,
+    surfaces: Mapping[str, Any] | None = None,
     check_inertia: bool = True,
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols.
@@ -84,14 +85,14 @@ def declare(
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
-    moving = dict.fromkeys(survey.velocities)
-    checked = declare_constraints(constraints, survey)
+    moving, checked = dict.fromkeys(survey.velocities), declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     if check_inertia:
         _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, drag, main)
-    points, bodies = _positions(positions, survey), declare_contacts(contacts, simultaneous, survey, checked)
+    drawn = _drawn(positions, links, surfaces, survey)
+    bodies = declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
     _check_declared(survey, chosen)
     known, unify = _parameters(parameters, survey, by_name)
@@ -103,12 +104,11 @@ def declare(
         redundant=redundant,
         constraints=checked,
         initial=initial_state({} if initial is None else initial, chosen, _at_rest(chosen)),
-        positions=MappingProxyType(points),
-        links=_links(links, points),
         name=text(name, "name"),
         about=about,
         source=source,
         run=run or RunSettings(),
+        **drawn,
         **bodies,
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
@@ -379,6 +379,14 @@ def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
     return dissipation
 
 
+def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
+    """Return the fields of `Statement` on what pictures draw."""
+    points = _positions(positions, survey)
+    lines = _surfaces(surfaces, points, survey)
+    views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
+    return {"links": _links(links, points), **views}
+
+
 def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
     points: dict[str, tuple[Any, ...]] = {}
     for label, point in table_of(given, "positions", "name to point").items():
@@ -396,6 +404,34 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
             "three."
         )
     return points
+
+
+def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
+    """Return the surfaces by name: points (x, y) or (x, y, z) that run along them, in `along`, parameters and t."""
+    surfaces: dict[str, tuple[Any, ...]] = {}
+    size = len(next(iter(points.values()), ()))
+    for name, point in table_of(given, "surfaces", "name to point").items():
+        what = f"the surface {check_name(name, 'surface')}"
+        if not points:
+            raise StatementError(f"{what} has no point beside it: state in positions what moves on it.")
+        if not _has_length(point, size):
+            raise StatementError(
+                f"{what} is {shown(point)}: give a point of {size} expressions in lg.along, as many as a position has, "
+                f"such as ({', '.join(['2*lg.along', '0', '0'][:size])})."
+            )
+        surfaces[name] = tuple(expression(entry, what) for entry in point)
+        leaves = Survey()
+        for entry in surfaces[name]:
+            for place in (leaves, survey):
+                place.add(entry.xreplace({along: sympy.S.Half}), what)
+        if leaves.coordinates or leaves.velocities:
+            raise StatementError(
+                f"{what} contains {listing(map(name_of, leaves.coordinates))}: give it in lg.along, parameters and t, "
+                "and draw a body that moves by links of its points."
+            )
+        if not any(entry.has(along) for entry in surfaces[name]):
+            raise StatementError(f"{what} is one point: give a point that moves as lg.along grows from 0 to 1.")
+    return surfaces
 
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:

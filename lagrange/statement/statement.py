@@ -9,10 +9,10 @@ from math import inf
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from sympy import Expr, Symbol
+from sympy import Expr, Float, Symbol
 
 from lagrange.errors import abridged, formula, listing
-from lagrange.statement.contact import Contact, gap
+from lagrange.statement.contact import Contact, along, gap
 from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import shorter
@@ -21,6 +21,9 @@ from lagrange.statement.units.dimension import Dimension
 
 ROD, SPRING = "rod", "spring"
 KINDS = (ROD, SPRING)
+
+CHORDS = 64
+"""Straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius."""
 
 
 class Link(NamedTuple):
@@ -49,7 +52,7 @@ REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """Treatment of constraints that follow from others: refuse them, or let them share the constraint forces."""
 
 
-_VIEWS = ("defaults", "positions", "dimensions")
+_VIEWS = ("defaults", "positions", "surfaces", "dimensions")
 """Fields of a statement that are read-only views of dicts."""
 
 
@@ -70,6 +73,7 @@ class Statement:
     - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
       are the last parameters.
     - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
+    - `surfaces` are points by name, which run along a line or a curve as `along` grows from 0 to 1.
     - `rotations` are the names of rotations, whose quaternions are among the coordinates.
       `reading` is the statement in turns of these bodies, for people to read: there three turns of each are the last
       coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each.
@@ -102,6 +106,7 @@ class Statement:
     inferred: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = ()
     simultaneous: str = ""
+    surfaces: Mapping[str, tuple[Any, ...]] = field(default_factory=lambda: MappingProxyType({}))
     rotations: tuple[str, ...] = ()
     entries: tuple[tuple[Any, ...], ...] = ()
     reading: Statement | None = None
@@ -131,6 +136,7 @@ class Statement:
             constraints=tuple(replace(one, expression=change(one.expression)) for one in self.constraints),
             positions=MappingProxyType({label: tuple(map(change, point)) for label, point in self.positions.items()}),
             contacts=tuple(each.mapped(change) for each in self.contacts),
+            surfaces=MappingProxyType({name: tuple(map(change, point)) for name, point in self.surfaces.items()}),
             reading=None if self.reading is None else self.reading.mapped(change),
         )
 
@@ -198,11 +204,27 @@ class Statement:
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
         stated += [constraint.expression for constraint in self.constraints]
         stated += [part for each in self.contacts for part in each.expressions]
-        stated += [entry for point in self.positions.values() for entry in point]
+        stated += [entry for point in (*self.positions.values(), *self.surfaces.values()) for entry in point]
         motions = (motion_of(function) for function in self.given)
         stated += [known.values for known in motions if known and isinstance(known.values, Expr)]
         used = frozenset().union(*(expression.free_symbols for expression in stated))
         return tuple(p for p in self.parameters if p not in used)
+
+    @cached_property
+    def outlines(self) -> dict[str, dict[str, tuple[Any, ...]]]:
+        """Points along each surface by name: its ends if it is straight, else points that are close together."""
+        found = {}
+        for name, point in self.surfaces.items():
+            straight = all(not entry.diff(along, 2) for entry in point)
+            shares = [Float(k / CHORDS) for k in range(0, CHORDS + 1, CHORDS if straight else 1)]
+            places = (tuple(entry.xreplace({along: share}) for entry in point) for share in shares)
+            found[name] = {f"{name}[{k}]": place for k, place in enumerate(places)}
+        return found
+
+    @cached_property
+    def drawn(self) -> dict[str, tuple[Any, ...]]:
+        """The positions of named points, and of the points along surfaces, by name."""
+        return {**self.positions, **{name: point for line in self.outlines.values() for name, point in line.items()}}
 
     @property
     def multiplier_names(self) -> list[str]:

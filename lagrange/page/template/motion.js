@@ -50,7 +50,7 @@ class Motion {
         this.perSecond = PER_SECOND;
         this.interval = data.rate / PER_SECOND;
         this.from = data.span[0] === null ? 0 : Math.max(0, data.span[0]);
-        this.width = data.points.length * data.dimension;
+        this.width = data.drawn * data.dimension;
         this.t = new Float64Array(1);
         this.y = new Float64Array(model.STATE);
         this.times = new Float64Array(KEPT);

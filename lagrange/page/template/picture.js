@@ -1,4 +1,4 @@
-// The picture: a grid or a floor, trails, rods, springs and points.
+// The picture: a grid or a floor, trails, surfaces, rods, springs and points.
 
 /** Width of a spring as a part of the picture's smaller side, and the least width in pixels. */
 const SPRING = 0.044;
@@ -83,6 +83,7 @@ class Picture {
         this.drawTrails(context, places);
         const origin = new Float64Array(this.data.dimension);
         const end = (point) => (point === this.data.points.length ? view.at(origin, 0) : view.at(places, point * this.data.dimension));
+        this.drawSurfaces(context, places, Math.min(width, height));
         this.drawLinks(context, end, Math.min(width, height));
         this.drawPoints(context, end, Math.min(width, height));
     }
@@ -159,7 +160,7 @@ class Picture {
             write(label, k < 2 ? [x, y] : [x, y - 10], [32, 40, 0][k]);
         });
         context.globalAlpha = 0.35;
-        for (let at = 0; at < places.length; at += 3) {
+        for (let at = 0; at < 3 * this.data.points.length; at += 3) {
             const [x, y] = pixel([places[at], places[at + 1], room[2][0]]);
             context.beginPath();
             context.ellipse(x, y, 6, Math.max(1, 6 * Math.abs(Math.sin(view.elevation))), 0, 0, 2 * Math.PI);
@@ -202,6 +203,19 @@ class Picture {
             }
         });
         context.globalAlpha = 1;
+    }
+
+    drawSurfaces(context, places, size) {
+        const { dimension, surfaces } = this.data;
+        context.strokeStyle = this.look.ink;
+        context.lineWidth = Math.max(2.5, size / 150);
+        for (const [first, count] of surfaces) {
+            context.beginPath();
+            for (let point = first; point < first + count; point++) {
+                context.lineTo(...this.view.at(places, point * dimension));
+            }
+            context.stroke();
+        }
     }
 
     drawLinks(context, end, size) {

@@ -19,7 +19,7 @@ class Recording {
         const { count, detail, fps, begin, end, rows, jumps } = data.record;
         this.data = data;
         this.size = data.states.length;
-        this.width = data.points.length * data.dimension;
+        this.width = data.drawn * data.dimension;
         this.detail = detail;
         this.frames = (count - 1) / detail + 1;
         this.perSecond = fps * detail;

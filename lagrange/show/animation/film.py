@@ -303,7 +303,9 @@ class MovingScene:
         self.names = [*points]
         self.seen = np.stack([self.view.of(point) for point in points.values()])
         fixed = fixed_points(statement)
-        self.fixed = [k for k, name in enumerate(self.names) if fixed[name]]
+        self.surfaces = [[self.names.index(name) for name in line] for line in statement.outlines.values()]
+        unmarked = set().union(*self.surfaces)
+        self.fixed = [k for k, name in enumerate(self.names) if fixed[name] and k not in unmarked]
         self.moving = [k for k, name in enumerate(self.names) if not fixed[name]]
         self.colours, self.part = point_look(len(self.moving), style.colours)
         self.named = 1 < len(self.moving) <= MOST_NAMED
@@ -317,8 +319,8 @@ class MovingScene:
         if self.box is not None:
             together = np.concatenate([together, self.view.of(self.box.drawn)], axis=1)
         sides = np.ptp(together, axis=1)
-        # With rods or springs the scene is to scale, even if the path is slender.
-        self.to_scale = bool(statement.links) or not is_slender(sides)
+        # With rods, springs or surfaces the scene is to scale, even if the path is slender.
+        self.to_scale = bool(statement.links or self.surfaces) or not is_slender(sides)
         room = 0.07 * float(sides.max()) or 1.0
         self.limits = np.array(
             [(row.min() - room, row.max() + room) if self.to_scale else around(row) for row in together]
@@ -371,6 +373,8 @@ class MovingScene:
                 for part, (a, b) in enumerate(pairwise(cuts.tolist())):
                     if b > a:
                         pen.line(self.seen[point][:, a : b + 1], colour, 2.0, (part + 1) / FADES * CLEAR, cap="butt")
+        for surface in self.surfaces:
+            pen.line(now[surface].T, style.ink, 3.0)
         place = {name: now[k] for k, name in enumerate(self.names)}
         for start, end, kind in self.recording.statement.links:
             if kind == SPRING:

@@ -177,7 +177,8 @@ class Paths:
     """Paths of points on paper (p, 2, K) at times (K,), their view, and the links between them.
 
     `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` their initial positions, (p, 2). `fixed`
-    points do not depend on coordinates or time. For a long run the paths are its last part, `late`.
+    points do not depend on coordinates or time. `surfaces` are the names of the points along each. For a long run the
+    paths are its last part, `late`.
     """
 
     times: FloatArray
@@ -189,6 +190,7 @@ class Paths:
     fixed: tuple[bool, ...]
     view: View
     links: tuple[Link, ...]
+    surfaces: tuple[tuple[str, ...], ...]
     note: str
     """Note on points that leave the panel."""
 
@@ -215,8 +217,8 @@ class Paths:
 
     @property
     def to_scale(self) -> bool:
-        """True if lengths are equal in both directions; false for paths without links that would be a narrow strip."""
-        return bool(self.links) or not is_slender(self.extents)
+        """True if lengths are equal in both directions; false for paths alone that would be a narrow strip."""
+        return bool(self.links or self.surfaces) or not is_slender(self.extents)
 
 
 def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -271,6 +273,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         tuple(fixed[name] for name in names),
         view,
         solution.model.statement.links,
+        tuple(map(tuple, solution.model.statement.outlines.values())),
         note,
     )
 
@@ -408,10 +411,15 @@ def _draw_run(
         ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
         line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
         axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
+    for surface in paths.surfaces:
+        axis.plot(*np.array([paths.of(name)[:, -1] for name in surface]).T, color=style.ink, linewidth=2.4, zorder=2.5)
+    unmarked = set().union(*paths.surfaces)
     shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
     kind = LINES[place % len(LINES)] if shared else "-"
     part = point_look(len(shades))[1]
     for k, name in enumerate(paths.names):
+        if name in unmarked:
+            continue
         if paths.fixed[k]:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"
             shown = "_nolegend_" if name == ORIGIN or place else name

@@ -16,7 +16,7 @@ from sympy.core.assumptions import _assume_defined
 from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
-from lagrange.statement.contact import Contact, contact, impact_speed
+from lagrange.statement.contact import Contact, along, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
     check_name,
@@ -47,6 +47,7 @@ KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
     *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
     *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous", "rotations"),
+    "surfaces",
 )
 OPEN = "open"
 """Value of a parameter or a given function without one."""
@@ -193,8 +194,9 @@ class SceneReader:
         symbols = self.symbols(values)
         given_names = self.given(coordinates, symbols)
         speed = {impact_speed.name: impact_speed} if "contacts" in self.data else {}
+        runs = {along.name: along} if "surfaces" in self.data else {}
         turned = shorthands(each.name for each in rotations)
-        names = {**turned, **speed, **given_names, **coordinates, **velocities, **symbols}
+        names = {**turned, **speed, **runs, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
         forces = self.forces(reader, coordinates, rotations)
         known = [*coordinates, *velocities, *(name_of(rate) for each in rotations for rate in each.body)]
@@ -221,6 +223,7 @@ class SceneReader:
                 dimensions=self.dimensions(names),
                 contacts=self.contacts(reader),
                 simultaneous=document.text("simultaneous") if "simultaneous" in self.data else None,
+                surfaces=self.surfaces(reader),
                 check_inertia=self.evaluated,
             )
         except SceneError:
@@ -458,6 +461,19 @@ class SceneReader:
             with self.document.located(*path, key=True):
                 check_name(name, "contact")
                 found[name] = contact(**parts)
+        return found
+
+    def surfaces(self, reader: ExpressionReader) -> dict[str, Any]:
+        """Return the surfaces, each a list of expressions in `along`, like a position."""
+        found = {}
+        for name, entries in self.document.table("surfaces").items():
+            if not isinstance(entries, list):
+                self.document.refuse(
+                    f'the surface {name[:80]} is {kind_of(entries)}: write a list such as ["2*along", "0"].',
+                    "surfaces",
+                    name,
+                )
+            found[name] = tuple(self.document.expression(reader, "surfaces", name, i) for i in range(len(entries)))
         return found
 
     def redundant(self) -> str:

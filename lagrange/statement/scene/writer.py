@@ -10,7 +10,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.statement.contact import Contact, impact_speed
+from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
@@ -64,7 +64,7 @@ class _SceneWriter:
             self.leaves |= {f: name_of(f) for f in (*each.matrix, *each.body)}
         taken = [*self.leaves.values()]
         self.leaves[t] = t.name
-        self.leaves[impact_speed] = impact_speed.name
+        self.leaves |= {symbol: symbol.name for symbol in (impact_speed, along)}
         for symbol in set().union(*(root.free_symbols for root in self.roots())):
             if (constraint := constraint_of(symbol)) is not None:
                 self.leaves[symbol] = f"{MULTIPLIER}({constraint})"
@@ -78,7 +78,7 @@ class _SceneWriter:
         statement, typed = self.statement, self.typed
         energies = [typed.kinetic] if typed.lagrangian_alone else [typed.kinetic, typed.potential]
         constraints = [constraint.expression for constraint in statement.constraints]
-        points = [entry for point in statement.positions.values() for entry in point]
+        points = [entry for point in (*statement.positions.values(), *statement.surfaces.values()) for entry in point]
         contacts = [part for each in statement.contacts for part in each.expressions]
         events = [
             part for e in statement.run.events for part in (e.expression, *e.reset.values(), *e.settings.values())
@@ -163,9 +163,12 @@ class _SceneWriter:
                 for constraint in statement.constraints
             },
             **{f"contacts.{_key(each.name)}": self.contact(each) for each in statement.contacts},
-            "positions": {
-                label: f"[{_joined(self.text(f'the position of {label}', entry) for entry in point)}]"
-                for label, point in statement.positions.items()
+            **{
+                key: {
+                    name: f"[{_joined(self.text(f'{what} {name}', entry) for entry in point)}]"
+                    for name, point in getattr(statement, key).items()
+                }
+                for key, what in (("positions", "the position of"), ("surfaces", "the surface"))
             },
             "tables": self.measured,
             "definitions": {name: f"'{text}'" for name, text in self.shared.definitions.items()},

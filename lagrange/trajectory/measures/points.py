@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sympy.core.function import AppliedUndef
 
+from lagrange.equations.euler_lagrange import node_of
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import t as time
@@ -16,21 +17,26 @@ from lagrange.trajectory.trajectory import FloatArray
 def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
     """Return each named point, (2, K) or (3, K), at K times and states y (2n, K).
 
-    The order is that of the statement. The origin comes last if a link names it. Empty without stated positions.
+    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a
+    link names it. Empty without stated positions.
     """
     statement = model.statement
-    points: dict[str, FloatArray] = {}
-    for name, parts in statement.positions.items():
-        points[name] = np.array([model.evaluate_expression(part, t, y, parameters) for part in parts])
+    entries = [node_of(part, statement, model.equations) for point in statement.drawn.values() for part in point]
+    found = model.called(model.function("points", tuple(entries)), t, y, parameters) if entries else np.empty(0)
+    sizes = np.cumsum([len(point) for point in statement.drawn.values()])
+    points = dict(zip(statement.drawn, np.split(found, sizes[:-1]), strict=True)) if entries else {}
     if points and ORIGIN not in points and any(ORIGIN in (link.start, link.end) for link in statement.links):
         points[ORIGIN] = np.zeros_like(next(iter(points.values())))
     return points
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return by name of each point, and the origin, True if it depends on neither a coordinate nor the time."""
+    """Return by name of each point, and the origin, True if it depends on neither a coordinate nor the time.
+
+    Points along surfaces count as fixed: they have no paths.
+    """
     fixed = {
         name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
         for name, parts in statement.positions.items()
     }
-    return {**fixed, ORIGIN: True}
+    return {**dict.fromkeys(statement.drawn, True), **fixed, ORIGIN: True}
