@@ -63,6 +63,20 @@ def test_contacts_that_depend_on_each_other_share_their_forces() -> None:
     assert found.rates == pytest.approx(np.zeros(3), abs=1e-15)
 
 
+def test_static_friction_holds_what_kinetic_friction_would_let_slide() -> None:
+    """The first contact holds with 0.2 of its normal force; sliding at 0.16 would be a second solution.
+
+    There the other contact, which opens, has no force, or one of a corner that would slide as well.
+    """
+    apart = np.diag([0.8, 2.4, 0.5, 1.5]), np.array([-0.186, -0.11, 0.0, 0.514])
+    (found,) = solutions(*apart, [Friction(1, 0.3, 0.16), Friction(1, 0.1, 0.08)])
+    assert found.states == (STICKING, OPEN)
+    corners = np.array([[2.94, -1.24, -1.08, -1.24], [-1.24, 1.7, 1.24, 1.7], [-1.08, 1.24, 2.94, 1.24]])
+    matrix = np.vstack([corners, [-1.24, 1.7, 1.24, 1.7]])
+    (found,) = solutions(matrix, np.array([-4.02, -0.55, 0.0, -0.55]), [Friction(1, 1.2, 0.64)] * 2)
+    assert found.states == (STICKING, OPEN)
+
+
 def test_a_problem_without_a_solution_has_none() -> None:
     """Sliding presses the bodies together more than its friction lets go: A is negative."""
     matrix, bias = np.array([[1.0, 2.0], [2.0, 5.0]]), np.array([-1.0, 0.0])

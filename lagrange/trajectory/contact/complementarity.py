@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -75,22 +76,20 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     """Return the solutions of the complementarity problem, those that hold the surfaces first.
 
     `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried, or one solution is found by
-    pivoting if these are many. Of solutions with the same rates the one with the least forces counts. The list is
-    empty if there is none.
+    pivoting if these are many. Of solutions with the same rates the one with the least forces counts. Where static
+    friction can hold what kinetic friction cannot, it holds. The list is empty if there is none.
     """
     count = math.prod(len(contact.cases()) for contact in contacts)
     if count > MOST_CASES:
         found = _by_pivoting(matrix, bias, contacts)
         return [] if found is None else [found]
     kept: list[Balance] = []
-    for cases in sorted(itertools.product(*(contact.cases() for contact in contacts)), key=_sliding):
-        balance = _balance(matrix, bias, contacts, cases)
-        if balance is None:
-            continue
-        twin = next((i for i, other in enumerate(kept) if _same(balance, other, matrix, bias)), None)
+    for balance in _balances(matrix, bias, contacts):
+        pairs = enumerate(kept)
+        twin = next((i for i, one in pairs if _same(balance, one, matrix, bias) or _held(one, balance, contacts)), None)
         if twin is None:
             kept.append(balance)
-        elif _size(balance) < (1 - NOISE) * _size(kept[twin]) and _sliding(cases) == kept[twin].states.count(SLIDING):
+        elif _size(balance) < (1 - NOISE) * _size(kept[twin]) and _sliding(balance) == _sliding(kept[twin]):
             kept[twin] = balance
     return kept
 
@@ -103,8 +102,8 @@ def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
         row += 1 + contact.components
 
 
-def _sliding(cases: Sequence[tuple[str, FloatArray | None]]) -> int:
-    return sum(state == SLIDING for state, _ in cases)
+def _sliding(balance: Balance) -> int:
+    return balance.states.count(SLIDING)
 
 
 def _size(balance: Balance) -> float:
@@ -112,8 +111,8 @@ def _size(balance: Balance) -> float:
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the rates (rows,) that count as zero."""
-    return np.asarray(NOISE * (np.abs(matrix) @ np.abs(forces) + np.abs(bias) + np.abs(bias).max(initial=0.0)))
+    """Return the rates (..., rows) that count as zero with forces (..., rows)."""
+    return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
 def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) -> bool:
@@ -123,103 +122,126 @@ def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) ->
     return bool(close.all()) or (closed and STICKING in (*one.states, *other.states) and one.states != other.states)
 
 
-def _balance(
-    matrix: FloatArray,
-    bias: FloatArray,
-    contacts: Sequence[Friction],
-    cases: Sequence[tuple[str, FloatArray | None]],
-) -> Balance | None:
-    """Return the forces of one combination of states, or None if it contradicts a law."""
-    states, ways = tuple(state for state, _ in cases), [way for _, way in cases]
-    searched = {i: along for i, (_, along) in enumerate(rows_of(contacts)) if states[i] == SLIDING and ways[i] is None}
-    for i in searched:
-        ways[i] = _first_way(matrix, bias, contacts, states, i)
+def _held(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
+    """Return whether static friction alone holds a contact in a solution, and fewer contacts slide than in another."""
+    fewer = _sliding(one) < _sliding(other)
+    pairs = zip(rows_of(contacts), contacts, one.states, strict=True)
+    return fewer and any(
+        state == STICKING
+        and np.linalg.norm(one.forces[along]) > (contact.kinetic + NOISE * contact.static) * one.forces[normal]
+        for (normal, along), contact, state in pairs
+    )
+
+
+class _Rows:
+    """The rows of some contacts: the `contact` of each, (rows,), and which are `along` the surface, (rows,).
+
+    `normals` (k,) are the rows of the normal components, `members` (rows, k) says which rows are along each contact.
+    `static` and `kinetic` (k,) are coefficients of friction, and `slides` (k,) says which contacts slide already.
+    """
+
+    def __init__(self, contacts: Sequence[Friction]) -> None:
+        sizes = [1 + contact.components for contact in contacts]
+        self.contact = np.repeat(np.arange(len(contacts)), sizes)
+        self.normals = np.cumsum([0, *sizes[:-1]])
+        self.along = np.ones(len(self.contact), dtype=bool)
+        self.along[self.normals] = False
+        self.members = (self.contact[:, None] == np.arange(len(contacts))) & self.along[:, None]
+        self.static, self.kinetic = np.array([(each.static, each.kinetic) for each in contacts]).T
+        self.slides = np.array([each.way is not None for each in contacts])
+
+    def directions(self, values: FloatArray) -> FloatArray:
+        """Return unit vectors along each surface from values (C, rows), and zero for values that are zero."""
+        sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
+        return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
+
+
+def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
+    """Yield the combinations of states that obey all laws, those with the least sliding contacts first."""
+    rows = _Rows(contacts)
+    chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
+    chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
+    states = np.array([[state for state, _ in cases] for cases in chosen])
+    ways = np.zeros((len(chosen), len(bias)))
+    searched = np.zeros(ways.shape, dtype=bool)
+    for c, cases in enumerate(chosen):
+        for i, (state, way) in enumerate(cases):
+            if state == SLIDING:
+                ways[c, rows.members[:, i]] = 0.0 if way is None else way
+                searched[c, rows.members[:, i]] = way is None
+    if searched.any():
+        ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
     for _ in range(TURNS):
-        solved = _forces(matrix, bias, contacts, states, ways)
-        if solved is None:
-            return None
-        forces, rates = solved
-        turned = 0.0
-        for i, along in searched.items():
-            size, before = float(np.linalg.norm(rates[along])), np.asarray(ways[i])
-            ways[i] = way = rates[along] / size if size > 0 else before
-            turned = max(turned, float(np.abs(way - before).max()))
-        if turned <= 4 * np.finfo(float).eps:
+        forces, rates, solved = _forces(matrix, bias, rows, states, ways)
+        moving = searched & (rows.directions(rates) != 0).any(axis=1, keepdims=True)
+        turned = np.where(moving, rows.directions(rates), ways)
+        change = np.abs(turned - ways).max(axis=1)
+        ways = turned
+        if change[solved].max(initial=0.0) <= 4 * np.finfo(float).eps:
             break
-    balance = Balance(forces, rates, states, tuple(ways))
-    return balance if turned <= NOISE and _obeys(balance, contacts, _noise(matrix, bias, forces)) else None
+    good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
+    for c in np.flatnonzero(good).tolist():
+        yield _balance_of(rows, forces[c], rates[c], states[c].tolist(), ways[c])
 
 
-def _first_way(
-    matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction], states: Sequence[str], which: int
-) -> FloatArray:
-    """Return the direction against the force that would hold a contact, as a first guess for its sliding."""
-    held = tuple(STICKING if state == SLIDING else state for state in states)
-    solved = _forces(matrix, bias, contacts, held, [None] * len(contacts))
-    _, along = list(rows_of(contacts))[which]
-    force = np.zeros(contacts[which].components) if solved is None else solved[0][along]
-    size = float(np.linalg.norm(force))
-    return -force / size if size else np.eye(len(force))[0]
+def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
+    """Return a solution with the direction of each contact that slides."""
+    directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
+    return Balance(forces, rates, tuple(states), tuple(directions))
+
+
+def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
+    """Return the directions (C, rows) against the forces that would hold all surfaces, to begin a search."""
+    forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
+    first = np.zeros(len(bias))
+    first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
+    ways = -rows.directions(forces)
+    none = ~solved[:, None] | ~((ways != 0) @ rows.members)[:, rows.contact]
+    return np.where(none, first, ways)
 
 
 def _forces(
-    matrix: FloatArray,
-    bias: FloatArray,
-    contacts: Sequence[Friction],
-    states: Sequence[str],
-    ways: Sequence[FloatArray | None],
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return forces and rates (rows,) with zero rates where contacts are closed or stick; None without a solution.
+    matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return forces and rates (C, rows) of combinations of states (C, k) and directions (C, rows) of sliding.
 
-    Contacts that depend on each other share their forces, which are then the least ones.
+    Rates are zero where contacts are closed or stick; the third (C,) says whether that has a solution. Contacts that
+    depend on each other share their forces, which are then the least ones.
     """
-    columns, zero = [], []
-    for (normal, along), contact, state, way in zip(rows_of(contacts), contacts, states, ways, strict=True):
-        if state == OPEN:
-            continue
-        push = np.zeros(len(bias))
-        push[normal] = 1.0
-        if state == SLIDING:
-            push[along] = -contact.kinetic * np.asarray(way)
-        columns.append(push)
-        zero.append(normal)
-        for row in range(along.start, along.stop) if state == STICKING else ():
-            columns.append(np.eye(len(bias))[row])
-            zero.append(row)
-    if not columns:
-        return np.zeros(len(bias)), bias.copy()
-    pushes = np.column_stack(columns)
-    square, right = (matrix @ pushes)[zero], -bias[zero]
-    sizes = least_solution(square, right)
-    sizes += least_solution(square, right - square @ sizes)
-    forces = pushes @ sizes
-    rates = matrix @ forces + bias
-    if (np.abs(rates[zero]) > _noise(matrix, bias, forces)[zero]).any():
-        return None
-    rates[zero] = 0.0
-    return forces, rates
+    each = states[:, rows.contact]
+    active = np.where(rows.along, each == STICKING, each != OPEN)
+    pushes = np.eye(len(bias)) * active[:, None, :]
+    along = np.flatnonzero(rows.along)
+    rubs = -rows.kinetic[rows.contact] * ways * (each == SLIDING)
+    pushes[:, along, rows.normals[rows.contact[along]]] = rubs[:, along]
+    square, right = (matrix @ pushes) * active[:, :, None], (-bias * active)[..., None]
+    inverse = np.linalg.pinv(square, rcond=DEPENDENT)
+    sizes = inverse @ right
+    sizes += inverse @ (right - square @ sizes)
+    forces = (pushes @ sizes)[..., 0]
+    rates = forces @ matrix.T + bias
+    solved = (~active | (np.abs(rates) <= _noise(matrix, bias, forces))).all(axis=1)
+    rates[active] = 0.0
+    return forces, rates, solved
+
+
+def _obeys(
+    rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
+) -> NDArray[np.bool_]:
+    """Return whether forces push, rates separate, and friction is inside its cone, within round-off, (C,)."""
+    weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
+    push, apart = forces[:, rows.normals], rates[:, rows.normals]
+    friction = np.sqrt((forces**2) @ rows.members)
+    back = (ways * rates) @ rows.members < -(noise[:, :, None] * rows.members).max(axis=1)
+    wrong = (push < -weak) | (apart < -noise[:, rows.normals])
+    wrong |= (states == STICKING) & (friction > rows.static * push + weak)
+    wrong |= (states == SLIDING) & ~rows.slides & back
+    return np.asarray(~wrong.any(axis=1))
 
 
 def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
     """Return the shortest solution (k,) of equations of which some may follow from others."""
     return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
-
-
-def _obeys(balance: Balance, contacts: Sequence[Friction], noise: FloatArray) -> bool:
-    """Return whether forces push, rates separate, and friction is inside its cone, within round-off."""
-    weak = NOISE * float(np.abs(balance.forces).max(initial=0.0))
-    for (normal, along), contact, state, way in zip(
-        rows_of(contacts), contacts, balance.states, balance.ways, strict=True
-    ):
-        push, friction = balance.forces[normal], balance.forces[along]
-        if push < -weak or balance.rates[normal] < -noise[normal]:
-            return False
-        if state == STICKING and np.linalg.norm(friction) > contact.static * push + weak:
-            return False
-        begins = state == SLIDING and contact.way is None
-        if begins and np.dot(np.asarray(way), balance.rates[along]) < -float(noise[along].max()):
-            return False
-    return True
 
 
 def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Balance | None:
@@ -269,8 +291,12 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Fricti
             way = rates[along] / slide if way is None and not held else way
         states.append(state)
         ways.append(way)
-    polished = _forces(matrix, bias, contacts, states, ways)
-    return None if polished is None else Balance(*polished, tuple(states), tuple(ways))
+    directions = np.concatenate([np.zeros(1 + each.components) for each in contacts])
+    for (_, along), way in zip(rows_of(contacts), ways, strict=True):
+        directions[along] = 0.0 if way is None else way
+    rows = _Rows(contacts)
+    polished, exact, solved = _forces(matrix, bias, rows, np.array([states]), directions)
+    return _balance_of(rows, polished[0], exact[0], states, directions) if solved[0] else None
 
 
 def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
