@@ -365,6 +365,86 @@ def pulley() -> lg.System:
     return lg.System((m1 + m2 + inertia / R**2) * x.dot**2 / 2, -(m1 - m2) * g * x)
 
 
+def coupled() -> lg.System:
+    x1, x2 = lg.coordinates("x1 x2")
+    m1, m2, k, kappa = lg.parameters("m1 m2 k kappa")
+    springs = k * (x1**2 + x2**2) / 2 + kappa * (x2 - x1) ** 2 / 2
+    return lg.System(m1 * x1.dot**2 / 2 + m2 * x2.dot**2 / 2, springs)
+
+
+def disc() -> lg.System:
+    s, phi = lg.coordinates("s phi")
+    m, inertia, R, g = lg.parameters("m I R g")
+    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
+    return lg.System(kinetic, -m * g * s, constraints={"roll": s.dot - R * phi.dot})
+
+
+def yoyo() -> lg.System:
+    y, (m, inertia, R, g) = lg.coordinate("y"), lg.parameters("m I R g")
+    return lg.System((m + inertia / R**2) * y.dot**2 / 2, -m * g * y)
+
+
+RIGHT: list[tuple[Callable[[], lg.System], str]] = [
+    *(
+        (spun, f"J1 {w}1' = (J2 - J3) {w}2 {w}3\nJ2 {w}2' = (J3 - J1) {w}3 {w}1\nJ3 {w}3' = (J1 - J2) {w}1 {w}2")
+        for w in ("w", "omega_", "ω")
+    ),
+    (spun, "J1 wx' = (J2 - J3) wy wz\nJ2 wy' = (J3 - J1) wz wx\nJ3 wz' = (J1 - J2) wx wy"),
+    *((disc, f"m s'' = m g - {f}\nI phi'' = {f} R\ns = R phi") for f in ("f", "F", "F_R", "mu", "T")),
+    (disc, "m s'' = m g - f\nI phi'' = f R\nN = 0 is the force of the wall"),
+    (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 2 m1 m2 g/(m1 + m2)"),
+    (orbit, "d/dt m r^2 phi' = 0\n(M + m) r'' = m r phi'^2 - M g"),
+    (orbit, "m r^2 phi' = L = const.\n(M + m) r'' = L^2/(m r^3) - M g"),
+    (orbit, "m r^2 phi' = L\n(M + m) r'' = L^2/(m r^3) - M g"),
+    (oscillator, "x' = v\nm v' = -k x - c v + m g + F cos(w t)"),
+    (oscillator, "0,5 m x'' + 0,5 c x' + 0,5 k x = 0,5 m g + 0,5 F cos(w t)"),
+]
+"""Right answers: rates of bodies, forces of constraints and momenta by other letters, operators, decimal commas."""
+
+
+@pytest.mark.parametrize(("system", "text"), RIGHT)
+def test_letters_of_textbooks_are_read(system: Callable[[], lg.System], text: str) -> None:
+    result = system().compare(text)
+    assert result, result.message
+
+
+@pytest.mark.parametrize(
+    ("system", "text"),
+    [
+        (disc, "m s'' = m g - f\nI phi'' = f R\ns = 2 R phi"),
+        (disc, "m s'' = m g - f\nI phi'' = 2 f R\ns = R phi"),
+        (rolling, "m s'' = m g sin(alpha) - f\nI phi'' = f R\ns = R phi + 1"),
+        (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 3 m1 m2 g/(m1 + m2)"),
+        (orbit, "m r phi' = L\n(M + m) r'' = L^2/(m r) - M g"),
+        (oscillator, "x' = v\nm v' = -k x + c v + m g + F cos(w t)"),
+    ],
+)
+def test_a_letter_hides_no_error(system: Callable[[], lg.System], text: str) -> None:
+    assert not system().compare(text)
+
+
+def test_two_letters_for_one_force_are_unknown() -> None:
+    with pytest.raises(lg.StatementError, match=r"'F' is not a symbol of this system.* 'T' is not a symbol"):
+        strung().compare("m1 x'' = m1 g - F\nm2 y'' = m2 g - T")
+
+
+def test_the_letter_of_a_force_and_an_integrated_constraint_are_told() -> None:
+    message = disc().compare("m s'' = m g - f\nI phi'' = f R\ns = R phi").message
+    assert "Equation 3 is right up to a constant. f is read as the force of the constraint roll." in message
+
+
+def test_the_wrong_equality_of_a_chain_is_told() -> None:
+    pendulum = shared_scene("pendulum")
+    for answer in ("theta'' = -g sin theta/l = -g l sin theta", ["theta'' = -g sin theta/l = -g l sin theta"]):
+        result = pendulum.compare(answer)
+        assert result.message.startswith("In the second equality of equation 1, that of theta, on the right side")
+        assert result.wrong == (0,)
+
+
+def test_no_slip_repeats_the_factor_of_one_linear_term() -> None:
+    assert "All is right" not in oscillator().compare("m x'' + c x' + k x = m g + 2 F cos(w t)").message
+
+
 LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (
         oscillator,
@@ -451,6 +531,12 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (rolling, "s'' = 2 R phi''", "that of the constraint rolling, on the right side the term 2*R*phi_ddot has the"),
     (pulley, "(m1 + m2 - I/R^2) x'' = (m1 - m2) g", "the term -I*x_ddot/R**2 has the wrong sign"),
     (pulley, "x'' = (m1 - m2) g R^2/(m1 R^2 + 2 m2 R^2 + I)", "the denominator I + m1*R**2 + 2*m2*R**2 is wrong"),
+    (coupled, "m1 x1'' + k x1 = 0\nm2 x2'' + k x2 + kappa(x2 - x1) = 0", "the term -kappa*(x2 - x1) is missing."),
+    (disc, "m s'' + f = m g\n0 = f R", "In equation 2, that of phi, the term -I*phi_ddot is missing."),
+    (yoyo, "y'' = m g R^2/(m R^2)", "the term I*y_ddot/(m*R**2) is missing."),
+    (oscillator, "m x' + c x' + k x = m g + F cos(w t)", "the term m*x_dot is wrong: it should be m*x_ddot."),
+    (orbit, "d/dt((M + m) r') = -M g\nd/dt(m r^2 phi') = 0", "on the right side the term m*r*phi_dot**2 is missing."),
+    (strung, "lambda = -m1 m2 g/(m1 + m2)\nm1 x'' = m1 g + lambda\nm2 y'' = m2 g + lambda", "is 1/2 times what"),
     (strung, "x'' = g\ny'' = -g", "the term -lambda_string/m1, the force of the constraint string, is missing."),
 ]
 """Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""

@@ -22,10 +22,10 @@ from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
-from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
+from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, along_motion, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
-from lagrange.statement.coordinate import name_of, rotation_name
+from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -228,18 +228,22 @@ def compare_equations(
             budget.check_size(*(row.zero for row in rows))
             slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
             remark = f" {slip}" if slip else ""
+    label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
-    remark += "".join(f" {understood[i][0].rounded}" for i in told if understood[i][0].rounded)
+    remark += "".join(f" {understood[i][0].note}" for i in told if understood[i][0].note)
     shown = [i for i in told if equations[i].others]
     remark += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
+    for multiplier, letter in letters.items():
+        if not str(letter).startswith("lam") and letter not in statement.parameters:
+            remark += f" {letter} is read as the force of the constraint {constraint_of(multiplier)}."
     read = "\n".join(equation.read for equation, _ in understood)
+    result = replace(result, wrong=tuple(dict.fromkeys(equations[i].place for i in result.wrong)))
     if len(result.message + remark) <= LONGEST_MESSAGE:
         return replace(result, message=result.message + remark, read=read)
     short = result.message.partition(": it ")[0].rstrip(".") + "."
     if not result.wrong:
         remark = ""
     elif len(short + remark) > LONGEST_MESSAGE:
-        label = equations[result.wrong[0]].label
         short, remark = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
@@ -249,7 +253,7 @@ def _likeliest(
 ) -> tuple[StudentEquation, EquationRow]:
     """Return the first reading of an equation that holds at all samples, or else its first linear reading.
 
-    A reading may hold with exact numbers for its decimals. Then `rounded` has a sentence on these.
+    A reading may hold with exact numbers for its decimals. Then `note` has a sentence on these.
     A reading that is not linear in the accelerations is skipped. Raises StatementError if all readings are such.
     """
     rows: list[tuple[StudentEquation, EquationRow]] = []
@@ -264,12 +268,30 @@ def _likeliest(
             return reading, row
         rows.append((reading, row))
     for reading, row in rows:
+        rate = _integrated(reading, row)
+        if rate is not None and rate[1].holds(samples):
+            return rate
         exact = with_exact_numbers(reading, row, samples)
         if exact is not None:
             return exact, row_of(exact, statement)
     if rows:
         return rows[0]
     raise refused or StatementError(f"{equation.label} cannot be read.")
+
+
+def _integrated(equation: StudentEquation, row: EquationRow) -> tuple[StudentEquation, EquationRow] | None:
+    """Return the time derivative of an equation between coordinates if the constraints are on velocities, else None.
+
+    The constraint x' = R phi' may be given as x = R phi: it is right up to a constant.
+    """
+    statement = row.statement
+    plain = list(statement.plain.values())
+    moving = [*plain[1::3], *row.slopes]
+    if not statement.constraints or any(one.holonomic for one in statement.constraints) or row.zero.has(*moving):
+        return None
+    note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
+    rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
+    return (rate, row_of(rate, statement)) if rate.zero != 0 else None
 
 
 def _compared(
@@ -289,13 +311,17 @@ def _compared(
     """
     statement = rows[0].statement
     choices = [(chosen, _wrong(rows, chosen)) for chosen in with_multiples(rows, samples)]
+    turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
+    count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
+    free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
+    if statement.constraints and free and not (pulling and _is_negative(turned)):
+        choices.append((turned, _wrong(rows, turned)))
     right = next((chosen for chosen, wrong in choices if not wrong), None)
     if right is None:
-        turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
-        choices += [(turned, _wrong(rows, turned))] if statement.constraints else []
+        choices += [(turned, _wrong(rows, turned))] if statement.constraints and choices[-1][0] is not turned else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
-    missing = _missing(rows, samples[0], doubted=doubted)
+    missing = _missing(rows, right, doubted=doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
         return EquationsComparison(right=False, message=f"{start}, but {missing}"), False
@@ -348,9 +374,13 @@ def _blamed(
             with suppress(budget.BudgetSpent):
                 budget.check_size(row.zero)
                 term = wrong_term(row, derivation, chosen, write)
-            negative = pulling and sum(sum(sample.multipliers) for sample in chosen) < 0
-            ranked.append(((term.cost + NEGATIVE * negative, place), (wrong, term)))
+            ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), place), (wrong, term)))
     return min(ranked, key=lambda choice: choice[0])[1]
+
+
+def _is_negative(samples: Sequence[MotionSample]) -> bool:
+    """Return True if the multipliers of samples are negative on average."""
+    return bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:
@@ -361,7 +391,7 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
     return f" No state was found where {describe_way(*left[0], statement)}{more}."
 
 
-def _missing(rows: Sequence[EquationRow], sample: MotionSample, *, doubted: bool) -> str:
+def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
     """Return the end of a sentence on what equations that hold leave open, or an empty string.
 
     An equation without accelerations enters by its derivative with respect to time, and the length of a quaternion
@@ -371,7 +401,7 @@ def _missing(rows: Sequence[EquationRow], sample: MotionSample, *, doubted: bool
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
     padding = [0.0] * (len(rows[0].slopes) - len(names))
-    matrix = [[float(x) for x in row.leading(sample)] for row in rows]
+    sample, matrix = _leading(rows, samples)
     for each in statement.rotations:
         along = [float(x) if name == each else 0.0 for name, x in zip(names, sample.point.q, strict=True)]
         matrix.append(along + padding)
@@ -398,6 +428,17 @@ def _missing(rows: Sequence[EquationRow], sample: MotionSample, *, doubted: bool
     zero = statement.quote(absent[0].expression, LONGEST_QUOTED)
     start = f"the constraint {listed} is" if len(absent) == 1 else f"the constraints {listed} are"
     return f"{start} missing: add {zero} = 0 or its time derivative."
+
+
+def _leading(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[MotionSample, list[list[float]]]:
+    """Return the first sample at which all equations have values, and their coefficients there.
+
+    Raises OutsideDomain if no sample is such.
+    """
+    for sample in samples[:-1]:
+        with suppress(OutsideDomain):
+            return sample, [[float(x) for x in row.leading(sample)] for row in rows]
+    return samples[-1], [[float(x) for x in row.leading(samples[-1])] for row in rows]
 
 
 def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:

@@ -28,6 +28,7 @@ from lagrange.mechanics.grading.student_equations import (
     EquationRow,
     StudentEquation,
     abbreviations,
+    along_motion,
     row_of,
     unknowns_of,
 )
@@ -58,6 +59,9 @@ MOST_MODELS = 120
 LONGEST = 600
 """Largest number of operations of an equation whose terms are changed."""
 
+LONGEST_EXPANDED = 80
+"""Largest number of operations of a corrected term that is expanded to find it among the right terms."""
+
 CLOSE = 1e-9
 """Largest difference of logarithms that are equal: those of doubles agree to 1e-14."""
 
@@ -69,6 +73,9 @@ SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2
 
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
 """Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
+
+OF_DERIVATIVE = 1.5
+"""Added cost of a change of a term of a typed derivative d/dt(...), of which the whole is no wrong momentum."""
 
 OF_SIDE, OF_RATE, OF_SOLVED, DENOMINATOR = 0.45, 0.15, 5.0, 0.1
 """Added costs of a change of a whole sum, of a term with an acceleration, of a left side that is a lone acceleration,
@@ -213,6 +220,9 @@ class _Search:
         velocities = list(row.statement.plain.values())[1::3]
         self.rates = [symbol for symbol, value in abbreviations(row.statement).items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
+        self.moving = [*self.unknowns[: len(row.statement.names)], *self.rates]
+        derived = [term for p in row.differentiated for term in sympy.Add.make_args(along_motion(p, row.statement))]
+        self.derived = {*derived, *(-term for term in derived)}
         self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.forces = self.unknowns[len(row.statement.names) :]
@@ -294,7 +304,9 @@ class _Search:
         """Yield (cost, sum, difference) for all changes of one term."""
         for cost, place, difference in self._choices():
             wanted = difference.wanted * place.around
-            signed = sympy.Add(*expanded(wanted if place.side == self.leading else -wanted))
+            signed = wanted if place.side == self.leading else -wanted
+            if wanted.count_ops() <= LONGEST_EXPANDED:
+                signed = sympy.Add(*expanded(signed))
             right = signed in self.right
             if not right and -signed not in self.right:
                 known = NUMBERED * (abs(wanted.as_coeff_Mul()[0]) != 1)
@@ -321,7 +333,8 @@ class _Search:
             for cost, wanted in self._among_models(changes):
                 if place.path and not rates and wanted.has(*self.unknowns):
                     continue  # an acceleration does not belong in this bracket
-                yield cost + extra + self._misplaced(place, wanted), place, Difference(MISSING, sympy.S.Zero, wanted)
+                cost += extra + self._misplaced(place, wanted) + OF_RATE * wanted.has(*self.moving)
+                yield cost, place, Difference(MISSING, sympy.S.Zero, wanted)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum with the amounts by which it has to change at the samples; others cannot mend the equation.
@@ -355,10 +368,12 @@ class _Search:
             yield LEFT_OUT, Difference(EXTRA, term, sympy.S.Zero)
             return
         for cost, number, factor in self.multiples([x / a for x, a in zip(wanted, value, strict=True)]):
-            right = (scaled_by(number, term) if term.is_Add else number * term) * factor
+            right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
             if factor == 1:
-                right = _without_float(right)
-                yield _cost_of(number), Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
+                yield (
+                    _cost_of(number),
+                    Difference(SCALED, term, right, 1 / Fraction(number.p, number.q)),
+                )
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
                 yield SIGN + cost + plain, Difference(WRONG, term, right)
@@ -380,11 +395,13 @@ class _Search:
 
     def _doubt(self, place: Sum, term: Any) -> float:
         """Return the cost of a change that is added for the part of the equation where it is."""
-        if not term.has(*self.unknowns[: len(self.row.statement.names)], *self.rates):
+        if term in self.derived:
+            return OF_DERIVATIVE
+        if not term.has(*self.unknowns, *self.rates):
             return 0.0
         number, rest = term.as_coeff_Mul()
         if len(place.terms) > 1 or place.path or not rest.is_Symbol or not self.row.sides[1 - place.side].count_ops():
-            return OF_RATE
+            return 0.0 if not term.has(*self.moving) else OF_RATE
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, place: Sum, wanted: Any) -> float:
@@ -396,7 +413,11 @@ class _Search:
             return OF_SOLVED
         if there == 0:
             return 0.0
-        rates = [all(term.has(*self.unknowns) for term in sympy.Add.make_args(side)) for side in (here, there)]
+        leading = [
+            [term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side)]
+            for side in (here, there)
+        ]
+        rates = [all(terms) for terms in leading]
         fits = wanted.has(*self.unknowns) == rates[0]
         return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
 

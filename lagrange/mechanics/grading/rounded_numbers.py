@@ -31,7 +31,7 @@ def with_exact_numbers(
 ) -> StudentEquation | None:
     """Return an equation that holds at all samples with exact numbers for its decimals, or None if none does.
 
-    Its `rounded` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
+    Its `note` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
     enough digits: 0.667 stands for 2/3. A number that is cut off, such as 0.666, remains. For a product of decimals,
     which SymPy multiplies, the relative error is that of the most precise one.
     """
@@ -53,14 +53,14 @@ def with_exact_numbers(
         if error > 0.5 + HELD:
             short = f"{abs(float(exact[x])):.{len(sources[x].as_tuple().digits)}g}"
             number = _text(abs(exact[x]), FEWEST_DIGITS)
-            return replace(equation, rounded=f"{abs(float(x)):.15g} is not {number} rounded: {short}.")
+            return replace(equation, note=f"{abs(float(x)):.15g} is not {number} rounded: {short}.")
     digits = min(len(source.as_tuple().digits) for source in sources.values())
     told = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
     if digits < FEWEST_DIGITS:
         advice = f"give at least {FEWEST_DIGITS}, or the exact number."
-        return replace(equation, rounded=f"To {counted(digits, 'digit')} {told}: {advice}")
+        return replace(equation, note=f"To {counted(digits, 'digit')} {told}: {advice}")
     label = f"{equation.label[0].upper()}{equation.label[1:]}"
-    return replace(corrected, rounded=f"{label} is right to {digits} digits: {told}.")
+    return replace(corrected, note=f"{label} is right to {digits} digits: {told}.")
 
 
 def _unit(number: Decimal) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import sympy
@@ -20,25 +20,34 @@ from lagrange.statement.expression import TEXTS, entries, expression, in_full
 from lagrange.statement.parameters import Survey, coordinate_name
 from lagrange.statement.rotation import shorthands
 from lagrange.statement.statement import Statement
+from lagrange.statement.typed.names import canonical
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
 
 MULTIPLIER = "lambda_"
 """Prefix that turns the name of a constraint into the name of its multiplier."""
 
-FORCES = ("T", "N", "S")
-"""Letters that denote constraint forces, alone or with the number of the constraint, unless a symbol has the name."""
+FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs")
+"""Letters that denote constraint forces, unless a symbol has the name: with the number of the constraint, or alone if
+they are the only unknown of the only constraint."""
+
+USUAL = FORCES[:3]
+"""Letters that denote the force of the only constraint also in an answer that is solved for the accelerations."""
+
+ORDINALS = ("", "second", "third", "fourth", "fifth")
+"""Names of the equalities of a = b = c after the first."""
 
 
 @dataclass(frozen=True)
 class StudentEquation:
     """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
-    the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
-    `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
-    text. `rounded` is a sentence on decimals that were taken for exact numbers, or "". `aside` is true for a remark,
-    such as an equilibrium, which need not hold.
+    `label` names it in messages, and `place` is the index of the equation that was given, which may be one of several
+    sides a = b = c. `zero` is left side minus right side; `right` is the right side. `read` is the text of the equation
+    as it was understood. `differentiated` are the expressions whose time derivative was typed, and `letters` maps
+    multipliers to the letters that were typed for them. `others` are further readings of an ambiguous text. `note` is a
+    sentence on how an equation is right, as on decimals that were taken for exact numbers, or "". `aside` is true for a
+    remark, such as an equilibrium, which need not hold.
     """
 
     label: str
@@ -48,8 +57,9 @@ class StudentEquation:
     differentiated: tuple[Any, ...] = ()
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
-    rounded: str = ""
+    note: str = ""
     aside: bool = False
+    place: int = 0
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
@@ -70,7 +80,7 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
         listed = [(f"equation {k}", value) for k, value in enumerate([given] if parts is None else parts, 1)]
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
-    return [reader.read(value, label) for label, value in listed]
+    return [one for place, (label, value) in enumerate(listed) for one in reader.read(value, label, place)]
 
 
 def spelled(expression: Any) -> str:
@@ -93,25 +103,48 @@ class _EquationReader:
         self.names |= {symbol.name: symbol for symbol in abbreviations(statement)}
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
-        letters = [letter for letter in FORCES if letter not in self.names]
-        spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in ("lambda", *letters)}
-        if len(statement.constraints) == 1:
-            spellings |= dict.fromkeys(("lambda", "lam", *letters), next(iter(multipliers)))
-        self.spellings = spellings
-        self.typed = TypedReader(self.names, spellings)
+        numbered = ("lambda", *(letter for letter in USUAL if letter not in self.names))
+        self.spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in numbered}
+        self.force = next(iter(multipliers)) if len(multipliers) == 1 else ""
+        self.spellings |= dict.fromkeys(("lambda", "lam"), self.force) if self.force else {}
+        self.others = self.spellings | self._rates()
+
+    def _rates(self) -> dict[str, str]:
+        """Return {spelling: name} for the rates w1 or omega_x of the only rotation, unless a symbol has the letter."""
+        letters = [letter for letter in ("w", "omega", "Omega") if letter not in self.names]
+        (rotation,) = self.statement.rotations if len(self.statement.rotations) == 1 else ("",)
+        pairs = [pair for pair in (*zip("123", "xyz", strict=True), *zip("xyz", "xyz", strict=True)) if rotation]
+        spellings = {f"{letter}{k}": f"{rotation}_body_{axis}" for letter in letters for k, axis in pairs}
+        return {spelling: name for spelling, name in spellings.items() if spelling not in self.names}
+
+    def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
+        """Return a reader for a text, and {multiplier: symbol of the letter that the text has for it}.
+
+        The force of the only constraint may have any letter that is the only unknown of the equations of motion.
+        """
+        words = {canonical(word) for word in WORD.findall(text)}
+        reader, letters = TypedReader(self.names, self.others), [one for one in self.spellings if one in words]
+        if self.force and not letters:
+            free = [letter for letter in FORCES if letter not in map(canonical, self.names)]
+            unknown = reader.unknown(text, what)
+            letters = [one for one in free if any(word.startswith(one) or word.endswith(one) for word in unknown)]
+            letters = [one for one in letters if one in unknown] or letters
+            letters = letters or [letter for letter in USUAL if letter in words and letter in free]
+            letters = letters if len(letters) == 1 else []
+            reader = TypedReader(self.names, self.others | dict.fromkeys(letters, self.force))
+        return reader, {self.names[self.spellings.get(one, self.force)]: sympy.Symbol(one) for one in letters}
 
     def text(self, given: str) -> list[StudentEquation]:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped."""
-        equations = [typed for typed in self.typed.equations(given) if not self._is_kinetic_energy(typed)]
+        reader, letters = self.reader(given)
+        equations = [typed for typed in reader.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:
-            raise StatementError(f"there is no equation: write one a line, {self.typed.example()}")
-        letters = self._letters(given)
-        return [_equation(f"equation {k}", typed, letters) for k, typed in enumerate(equations, 1)]
-
-    def _letters(self, text: str) -> dict[Any, Any]:
-        """Return {multiplier: symbol of the letter that a text has for it}."""
-        words = {word.replace("_", "") for word in WORD.findall(text)}
-        return {self.names[name]: sympy.Symbol(letter) for letter, name in self.spellings.items() if letter in words}
+            raise StatementError(f"there is no equation: write one a line, {reader.example()}")
+        places = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
+        return [
+            _equation(f"equation {place + 1}", typed, letters, place)
+            for place, typed in zip(places, equations, strict=True)
+        ]
 
     def _is_kinetic_energy(self, equation: TypedEquation) -> bool:
         """Return True if an equation defines T as the kinetic energy, although T was read as a constraint force."""
@@ -119,20 +152,25 @@ class _EquationReader:
             return False
         return bool(sympy.expand(equation.readings[0].right - self.statement.kinetic.xreplace(self.plain)) == 0)
 
-    def read(self, given: Any, what: str) -> StudentEquation:
-        """Return the equation of a text, of an expression that is zero, or of an Eq; `what` is its label."""
+    def read(self, given: Any, what: str, place: int) -> list[StudentEquation]:
+        """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c has two.
+
+        `what` is its label, and `place` its index.
+        """
         if isinstance(given, str):
-            equations = self.typed.equations(given, what)
-            if len(equations) != 1:
-                raise StatementError(f"{what} is a text with {len(equations)} equations: give one in each entry.")
-            return _equation(what, equations[0], self._letters(given))
+            reader, letters = self.reader(given, what)
+            equations = reader.equations(given, what)
+            count = sum(not typed.link for typed in equations)
+            if count != 1:
+                raise StatementError(f"{what} is a text with {count} equations: give one in each entry.")
+            return [_equation(what, typed, letters, place) for typed in equations]
         if isinstance(given, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in given.args)
-            return StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}")
+            return [StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}", place=place)]
         if isinstance(given, bool) or given in (sympy.true, sympy.false):
             raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
         zero = self.symbols(expression(given, what), what)
-        return StudentEquation(what, zero, read=f"{spelled(zero)} = 0")
+        return [StudentEquation(what, zero, read=f"{spelled(zero)} = 0", place=place)]
 
     def unknown(self, name: str, what: str) -> str:
         """Return the error message for an unknown name."""
@@ -169,13 +207,15 @@ class _EquationReader:
         return stated.xreplace(self.given).xreplace(self.plain | table)
 
 
-def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any]) -> StudentEquation:
+def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], place: int) -> StudentEquation:
     """Return the first reading of a typed equation; `others` are its further readings."""
+    if typed.link:
+        label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
     first, *others = (
         StudentEquation(
-            label, reading.zero, reading.right, reading.read, reading.differentiated, letters, aside=typed.aside
+            label, one.zero, one.right, one.read, one.differentiated, letters, aside=typed.aside, place=place
         )
-        for reading in typed.readings
+        for one in typed.readings
     )
     return replace(first, others=tuple(others))
 

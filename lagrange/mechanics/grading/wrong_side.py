@@ -23,7 +23,7 @@ from lagrange.mechanics.grading.student_equations import (
     tape,
     values_at,
 )
-from lagrange.mechanics.grading.term_difference import MISSING, WRONG, Write, expanded
+from lagrange.mechanics.grading.term_difference import MISSING, WRONG, Write, expanded, summands
 from lagrange.statement.coordinate import constraint_of, t
 from lagrange.statement.rotation import shorthands
 from lagrange.statement.statement import Statement
@@ -48,7 +48,15 @@ def right_terms(derivation: Derivation) -> list[Any]:
     with suppress(StatementError):
         laws = [(law.lhs - law.rhs).xreplace(rates).xreplace(statement.plain) for law in derivation.equations]
         zeros = laws + zeros + [entry.xreplace(statement.plain) for entry in derivation.mass_matrix]
-    return [term for zero in zeros for term in (*sympy.Add.make_args(zero), *expanded(zero))]
+    parts = [summands(zero) for zero in zeros]
+    sums = [_sharing(terms, p) for terms in parts if len(terms) <= MOST_SHARED for p in statement.parameters]
+    terms = [term for zero in zeros for term in (*sympy.Add.make_args(zero), *expanded(zero))]
+    return terms + [one for one in sums if one.has(sympy.Add)]
+
+
+def _sharing(terms: Sequence[Any], parameter: Any) -> Any:
+    """Return the sum of the terms with a parameter, such as that of a spring, as a product with a sum."""
+    return sympy.factor_terms(sympy.Add(*(term for term in terms if term.has(parameter))))
 
 
 def right_denominators(derivation: Derivation) -> list[Any]:
@@ -120,6 +128,9 @@ def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
     pairs = combinations(zip(left, right, strict=True), 2)
     return size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
 
+
+MOST_SHARED = 20
+"""Largest number of terms of an equation of which sums are right terms, too."""
 
 LONGEST_SOLVED = 300
 """Largest number of operations in a solved acceleration and its right side for which denominators are compared."""

@@ -141,6 +141,8 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
         for p in parameters if not alone else ():
             yield f"All is right with {word}{p} in place of {p}.", {p: factor * p}
         for q, v, a in coordinates:
+            if alone and not any(f.has(q) for f in circular):
+                continue  # a factor of one linear term is told already
             yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
 
 
@@ -170,6 +172,12 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
     constraints = row.statement.constraints
+    part = wrong_momentum(row, derivation, samples, write)
+    if part:
+        return WrongTerm(part, alone=True, cost=0.0)
+    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
+    if change is not None:
+        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
         name = row.statement.names[0]
@@ -177,12 +185,6 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
             f"{label} does not hold, and contains no acceleration such as {name}'' or {name}_ddot: it is not an "
             "equation of motion."
         )
-    part = wrong_momentum(row, derivation, samples, write)
-    if part:
-        return WrongTerm(part, alone=True, cost=0.0)
-    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
-    if change is not None:
-        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
     if still:
         listed = [f"{one.name}, {write(one.expression.xreplace(row.statement.plain))} = 0" for one in constraints]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"

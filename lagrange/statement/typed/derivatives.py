@@ -27,9 +27,10 @@ def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     """Return the tokens of a formula with derivatives marked.
 
     Dots and primes of a word become its `order` and `primes`. Any other derivative becomes a token of kind "rate" whose
-    text is the order, followed by the operand. A subscript after a mark moves to its word.
+    text is the order, followed by the operand, or of kind "operator" if the operand is what follows, as in d/dt m x.
+    A subscript after a mark moves to its word.
     """
-    return _leibniz(_marked(tokens, NESTED), NESTED)
+    return _leibniz(_marked(_divided(tokens), NESTED), NESTED)
 
 
 def closing(tokens: Sequence[Token], place: int) -> int:
@@ -43,6 +44,30 @@ def closing(tokens: Sequence[Token], place: int) -> int:
             if depth == 0:
                 return i
     return len(tokens)
+
+
+def _divided(tokens: Sequence[Token]) -> list[Token]:
+    r"""Return the tokens with ({a}/{b}) for \frac{a}{b}; a command without two arguments is left out."""
+    opened, ends = list[int](), dict[int, int]()
+    for i, token in enumerate(tokens):
+        if token.is_sign(*OPENING):
+            opened.append(i)
+        elif token.is_sign(*OPENING.values()) and opened:
+            ends[opened.pop()] = i
+    marks, unclosed = [""] * (len(tokens) + 1), set(opened)
+    for i, token in enumerate(tokens):
+        middle = ends.get(i + 1, i + 1) + 1
+        after = ends.get(middle, middle) + 1
+        if token.kind == "fraction" and after <= len(tokens) and not {i + 1, middle} & unclosed:
+            for place, mark in ((i, "("), (middle, "/"), (after, ")")):
+                marks[place] += mark
+    divided: list[Token] = []
+    for i, token in enumerate([*tokens, *tokens[-1:]]):
+        last = tokens[i - 1].begin if i else 0
+        places = [(mark, token.begin if mark == "(" else last) for mark in marks[i]]
+        divided += [Token("sign", mark, place, place) for mark, place in places]
+        divided += [token] if i < len(tokens) and token.kind != "fraction" else []
+    return divided
 
 
 def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
@@ -59,6 +84,8 @@ def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
             group = list(tokens[i : closing(tokens, i) + 1]) if tokens[i].is_sign("{", "(") else [tokens[i]]
             inside = _marked(group[1:-1] if len(group) > 1 else group, levels - 1)
             i += len(group)
+            by_time = [one.text for one in tokens[i : i + 3]] == ["{", "t", "}"]  # of \\dv{x}{t}
+            i += 3 * by_time
             if len(inside) == 1 and inside[0].kind == "word":
                 word = replace(inside[0], begin=token.begin, spaced=token.spaced)
                 token = replace(word, primes=word.primes + int(token.text))
@@ -97,20 +124,29 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
 
 
 def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
-    """Return the tokens with d^2x/dt^2, d/dt(...), also as LaTeX fractions, and diff(x, t, 2) replaced by rates.
+    """Return the tokens with d^2x/dt^2, d/dt(...) and diff(x, t, 2) replaced by rates.
 
     `levels` is the number of levels of nested diff(...) that are read.
     """
     replaced: list[Token] = []
     i = 0
     while i < len(tokens):
-        match = _fraction(tokens, i) or _quotient(tokens, i) or _call(tokens, i)
+        match = _quotient(tokens, i) or _call(tokens, i)
         if match is None:
-            replaced.append(tokens[i])
+            if (
+                tokens[i].is_sign(")")
+                and len(replaced) > 1
+                and replaced[-1].kind == "operator"
+                and replaced[-2].is_sign("(")
+            ):
+                del replaced[-2]  # the bracket of (d/dt) x
+            else:
+                replaced.append(tokens[i])
             i += 1
             continue
         order, operand, after = match
-        replaced.append(Token("rate", str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
+        kind = "rate" if operand else "operator"
+        replaced.append(Token(kind, str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
         replaced += _leibniz(operand, levels - 1) if levels and len(operand) > 1 else operand
         i = after
     return replaced
@@ -122,31 +158,11 @@ _Rate = tuple[int, list[Token], int]
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the derivative d^n x / dt^n that begins at index i, or None."""
-    if tokens[i].is_sign("(") and i + 1 < len(tokens) and tokens[i + 1].kind == "word":  # (d^2/dt^2) x
-        rate = _quotient(tokens, i + 1)
-        ends = rate is not None and not rate[1] and tokens[rate[2] : rate[2] + 1]
-        return (rate[0], [], rate[2] + 1) if rate and ends and ends[0].is_sign(")") else None
-    top = _top(tokens, i, len(tokens))
-    if top is None or top[2] >= len(tokens) or not tokens[top[2]].is_sign("/"):
+    top = _top(tokens, i)
+    if top is None or not _is_sign(tokens, top[2], "/"):
         return None
-    bottom = _bottom(tokens, top[2] + 1, len(tokens))
+    bottom = _bottom(tokens, top[2] + 1)
     return (top[0], top[1], bottom[1]) if bottom and bottom[0] == top[0] else None
-
-
-def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
-    r"""Return the derivative \frac{d^n x}{dt^n} that begins at index i, or None."""
-    if tokens[i].kind != "fraction" or not tokens[i + 1 : i + 2] or not tokens[i + 1].is_sign("{"):
-        return None
-    middle = closing(tokens, i + 1)
-    if not tokens[middle + 1 : middle + 2] or not tokens[middle + 1].is_sign("{"):
-        return None
-    end = closing(tokens, middle + 1)
-    if end == len(tokens):
-        return None
-    top, bottom = _top(tokens, i + 2, middle), _bottom(tokens, middle + 2, end)
-    if top is None or bottom is None or top[2] != middle or bottom[1] != end or top[0] != bottom[0]:
-        return None
-    return top[0], top[1], end + 1
 
 
 def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
@@ -171,54 +187,54 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     return (order, [next(brackets), *inside[:comma], next(brackets)], end + 1) if order in (1, 2) else None
 
 
-def _top(tokens: Sequence[Token], i: int, end: int) -> _Rate | None:
+def _top(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the order and the operand of d^n x, where x is joined to d or follows it; None for other tokens."""
-    match = _TOP.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
+    bracket = _is_sign(tokens, i, "(", "{")
+    i += bracket
+    match = _TOP.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
     if match is None:
         return None
-    order, rest = int(match.group(1) or 1), match.group(2)
-    word, i = tokens[i], i + 1
+    order, rest, operand = int(match.group(1) or 1), match.group(2), list[Token]()
     if rest:
-        return order, [replace(word, text=rest)], i
-    if not match.group(1):
-        order, i = _order(tokens, i, end)
-    if i < end and tokens[i].kind == "word":
-        return order, [tokens[i]], i + 1
-    if i < end and tokens[i].is_sign("(", "[", "{"):
-        close = min(closing(tokens, i) + 1, end)
-        return order, list(tokens[i:close]), close
-    return order, [], i
+        operand, i = [replace(tokens[i], text=rest)], i + 1
+    else:
+        order, i = (order, i + 1) if match.group(1) else _order(tokens, i + 1)
+        if i < len(tokens) and tokens[i].kind == "word":
+            operand = [tokens[i]]
+        elif _is_sign(tokens, i, *OPENING):
+            operand = list(tokens[i : closing(tokens, i) + 1])
+        i += len(operand)
+    if bracket and not _is_sign(tokens, i, ")", "}"):
+        return None
+    return order, operand, i + bracket
 
 
-def _bottom(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int] | None:
+def _bottom(tokens: Sequence[Token], i: int) -> tuple[int, int] | None:
     """Return the order of dt^n and the next index; None for other tokens."""
-    bracket = i < end and tokens[i].is_sign("(", "{")
+    bracket = _is_sign(tokens, i, "(", "{")
     i += bracket
-    match = _BOTTOM.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
+    match = _BOTTOM.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
     if match is None:
-        if not (i + 1 < end and [part.text for part in tokens[i : i + 2]] == ["d", "t"]):
+        if [token.text for token in tokens[i : i + 2]] != ["d", "t"]:
             return None
         i += 1
-    i += 1
-    order = int(match.group(1)) if match and match.group(1) else 0
-    if not order:
-        order, i = _order(tokens, i, end)
-    if bracket:
-        if i >= end or not tokens[i].is_sign(")", "}"):
-            return None
-        i += 1
-        if order == 1:
-            order, i = _order(tokens, i, end)
-    return order, i
+    order, i = (int(match.group(1)), i + 1) if match and match.group(1) else _order(tokens, i + 1)
+    if bracket and not _is_sign(tokens, i, ")", "}"):
+        return None
+    return _order(tokens, i + 1) if bracket and order == 1 else (order, i + bracket)
 
 
-def _order(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int]:
+def _order(tokens: Sequence[Token], i: int) -> tuple[int, int]:
     """Return the exponent at index i, 1 by default, and the next index."""
-    if i < end and tokens[i].kind == "power" and tokens[i].text.isdigit():
+    if i < len(tokens) and tokens[i].kind == "power" and tokens[i].text.isdigit():
         return int(tokens[i].text), i + 1
-    if i + 1 < end and tokens[i].is_sign("^"):
-        if tokens[i + 1].kind == "number" and tokens[i + 1].text.isdigit():
-            return int(tokens[i + 1].text), i + 2
-        if i + 3 < end and tokens[i + 1].is_sign("{", "(") and tokens[i + 2].text.isdigit():
-            return int(tokens[i + 2].text), i + 4
+    if _is_sign(tokens, i, "^"):
+        bracket = _is_sign(tokens, i + 1, "{", "(")
+        digits = tokens[i + 1 + bracket].text if i + 1 + bracket < len(tokens) else ""
+        if digits.isdigit():
+            return int(digits), i + 2 + 2 * bracket
     return 1, i
+
+
+def _is_sign(tokens: Sequence[Token], i: int, *signs: str) -> bool:
+    return i < len(tokens) and tokens[i].is_sign(*signs)

@@ -207,7 +207,7 @@ class _Parser:
             return False
         if token.kind == "sign":
             return token.text in (*OPENING, "sqrt") or (token.text == "|" and not self.bars)
-        return token.kind in ("number", "fraction", "rate", "symbol", "function", "e", "pi")
+        return token.kind in ("number", "rate", "operator", "symbol", "function", "e", "pi")
 
     def factor(self) -> Part:
         """Read a value with its exponent."""
@@ -260,10 +260,10 @@ class _Parser:
             return Part(token.text, PRODUCT if "/" in token.text else ATOM, number=True)
         if isinstance(token, _Symbol):
             return self.symbol(token)
-        if token.kind == "fraction":
-            return _over(self.group(), self.group())
         if token.kind == "rate":
             return self.rate(self.value(), int(token.text), token.begin)
+        if token.kind == "operator":
+            return self.rate(self.operand(), int(token.text), token.begin)
         if token.is_sign("sqrt"):
             return self.called("sqrt", [self.value()])
         if token.is_sign(*OPENING):
@@ -282,6 +282,16 @@ class _Parser:
             f"a value is missing before {shown[:20]!r}" if shown != "a mark" else "a mark follows no symbol"
         )
 
+    def operand(self) -> Part:
+        """Read the operand of d/dt: a bracket or a product. With more factors after it both are tried."""
+        begin = self.place
+        bracket = self.next_is("(", "[")
+        part = self.value() if bracket else self.factor()
+        if not (self.starts_value() or self.next_is("*", "/")) or self.choices.take("operand", 2) != bracket:
+            return part
+        self.place = begin
+        return self.product()
+
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
         """Read an expression, or several with commas, and the closing bracket; the opening one was read."""
         bars, self.bars = self.bars, 0
@@ -294,15 +304,6 @@ class _Parser:
             raise self.fault(f"{OPENING[opened.text]!r} is expected")
         self.place += 1
         return parts
-
-    def group(self) -> Part:
-        """Read one argument of a LaTeX command: a group, a digit of a number, or one value."""
-        token = self.peek()
-        if token is not None and token.kind == "number" and token.text.isdigit() and len(token.text) > 1:
-            rest = replace(token, text=token.text[1:], begin=token.begin + 1)
-            self.tokens[self.place] = rest
-            return Part(token.text[0], number=True)
-        return self.value()
 
     def symbol(self, token: _Symbol) -> Part:
         """Read a symbol or a function call that begins with this token."""
@@ -378,9 +379,9 @@ class _Parser:
         """Return the part for a time derivative: a symbol of the system, or a new name entered in `rates`."""
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", place)
-        for piece in self.names.exact.values():
-            if piece.name == operand.text and (found := self.names.derivative(piece, order)):
-                return Part(found.name, moves=True)
+        piece = self.names.exact.get(operand.text)
+        if piece is not None and (found := self.names.derivative(piece, order)):
+            return Part(found.name, moves=True)
         name = f"rate_{len(self.rates) + self.taken + 1}_of"
         self.rates[name] = (operand.text, order)
         return Part(name, moves=True)

@@ -21,15 +21,28 @@ COMMAND_SIGNS = {
 FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
 """LaTeX commands with a numerator and a denominator."""
 
-DERIVATIVES = {"dot": 1, "ddot": 2}
-"""LaTeX commands that put dots above a letter, and the order of the derivative."""
+DERIVATIVES = {"dot": 1, "ddot": 2, "dv": 1, "odv": 1}
+"""LaTeX commands for derivatives with respect to time, and the order of the derivative."""
 
 WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "mathbf", "boldsymbol", "rm", "mathop")
 """LaTeX commands whose group is one word."""
 
 SPACES = (
     *("quad", "qquad", "left", "right", "big", "Big", "bigg", "Bigg", "bigl", "bigr", "Bigl", "Bigr", "displaystyle"),
-    *("biggl", "biggr", "Biggl", "Biggr", "textstyle", "limits", "nonumber", "notag", "thinspace", "space", "hfill"),
+    *(
+        "biggl",
+        "biggr",
+        "Biggl",
+        "Biggr",
+        "textstyle",
+        "limits",
+        "nonumber",
+        "notag",
+        "thinspace",
+        "space",
+        "hfill",
+        "blacksquare",
+    ),
 )
 """LaTeX commands that change only the appearance of a formula."""
 
@@ -57,7 +70,7 @@ LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\("
 """A new line of LaTeX, or the end of one formula and the beginning of the next."""
 
 FRAME = re.compile(
-    r"\\(?:begin|end|label|tag|[hv]space|color)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+"
+    r"\\(?:begin|end|label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+"
     r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\."
 )
 """Marks around formulas: environments, labels, dollar signs, and an empty group before a sign."""

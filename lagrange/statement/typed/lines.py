@@ -8,9 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, OPERATOR, PROSE
 
-_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|^\s*```[^\n]*", re.MULTILINE)
+_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*", re.MULTILINE)
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"
@@ -22,8 +23,11 @@ _TRAILING_LABEL = re.compile(r"(?<=\s)\(\s?[0-9]{1,2}[a-z]?\s?\)$")
 _END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
+_MATRIX = re.compile(r"\\begin\{[pbvBV](?:small)?matrix\}|\bMatrix\(")
+_CONSERVED = re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b|\\q?quad\b")
+_SEPARATOR = re.compile(r"[;&]|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
+_LISTED = re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)")
 OPEN, CLOSE = "([{", ")]}"
 
 
@@ -35,11 +39,15 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
     with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
     equation if both it and the one before have a sign of equality. It is one too at the begin of an environment, and if
-    it is back at the indentation of an equation whose further lines are indented.
+    it is back at the indentation of an equation whose further lines are indented. Raises StatementError for a matrix.
     """
     blanked = _blank(_COMMENT, text)
+    if _MATRIX.search(blanked):
+        raise StatementError("an answer has a matrix, which is not read: write one equation a line.")
     blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
     blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
+    blanked = _CONSERVED.sub(lambda match: "= const".ljust(len(match.group())), blanked)
+    blanked = _LISTED.sub(r"\1;", blanked)  # x'' = 1,2 y'' = 3 has no decimal comma
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
@@ -57,8 +65,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
             spans[-1] = (spans[-1][0], end)
         else:
             spans.append((begin, end))
-    clean = "\n".join(lines)
-    return clean, [part for span in spans for part in _separated(clean, *span)]
+    return "\n".join(lines), spans
 
 
 def _unframed(text: str) -> str:
@@ -138,8 +145,8 @@ def _without_label(line: str) -> str:
     return stripped.ljust(len(line)) if stripped else line
 
 
-def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the spans of the equations of one line, which are separated by ; or ,."""
+def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
+    """Return the spans of the equations of one line, which are separated by ; or , but not by a decimal comma."""
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]

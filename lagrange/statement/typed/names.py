@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 
+from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
 
@@ -35,6 +36,7 @@ FUNCTION_SPELLINGS |= {name.capitalize(): name for name in ("sin", "cos", "tan",
 """Other names of functions that people type, and their strict names."""
 
 
+_LENGTH, _AXIS = re.compile(r"l_?[0-9]*"), re.compile(r"[xyz]_?[0-9]*")
 _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 
 
@@ -56,38 +58,54 @@ class Piece:
 class Names:
     """The symbols of one system, by all accepted spellings.
 
-    `names` are all strict names of the system; for a coordinate or given function X they include X_dot. `multipliers`
-    maps the other spellings of a multiplier to its strict name.
+    `names` are all strict names of the system; for a coordinate or given function X they include X_dot. `others` maps
+    other spellings of a multiplier or of a rate of a rotation to its strict name. `defined` are the names that the
+    answer defines.
     """
 
-    def __init__(self, names: Iterable[str], multipliers: dict[str, str]) -> None:
+    def __init__(self, names: Iterable[str], others: Mapping[str, str], defined: Collection[str] = ()) -> None:
         self.names = list(names)
         self.bases = [name for name in self.names if f"{name}_dot" in self.names]
+        pieces = {
+            base + ending: Piece(base + ending, base=base, order=order, moves=True)
+            for base in self.bases
+            for order, ending in enumerate(RATES)
+        }
+        self.exact = {name: pieces.get(name) or Piece(name, moves=name in others.values()) for name in self.names}
         self.spellings: dict[str, Piece] = {}
-        for base in self.bases:
-            for order, ending in enumerate(RATES):
-                if base + ending in self.names:
-                    piece = Piece(base + ending, base=base, order=order, moves=True)
-                    for spelling in _spellings(base, order):
-                        self.spellings[spelling] = piece
-        for spelling, name in multipliers.items():
-            self.spellings[canonical(spelling)] = Piece(name, moves=True)
-        derivatives = {base + ending for base in self.bases for ending in RATES}
-        self.spellings |= {canonical(name): Piece(name) for name in self.names if name not in derivatives}
-        self.exact = {piece.name: piece for piece in self.spellings.values()}
-        self.exact |= {name: Piece(name) for name in self.names if name not in self.exact}
+        for spelling, name in [*self._usual(), *((base, base) for base in self.bases), *others.items()]:
+            for order in range(len(RATES)):
+                piece = self.derivative(self.exact[name], order) if order else self.exact[name]
+                if piece is not None:
+                    plain = spelling not in defined  # dV/dx is no quotient of rates
+                    keys = _spellings(spelling, order, short="d" not in self.exact, joined=plain)
+                    self.spellings |= dict.fromkeys(keys, piece)
+        self.spellings |= {canonical(name): piece for name, piece in self.exact.items() if not piece.base}
         rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
         self.exact = {typed: self.exact[name] for typed, name in rates if name in self.exact} | self.exact
         self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTIONS}
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
+        self._readings: dict[str, list[list[Piece]]] = {}
+
+    def _usual(self) -> Iterator[tuple[str, str]]:
+        """Yield (spelling, strict name) as in textbooks: ell for l, and v_x and a_x for the derivatives of x."""
+        for name in self.names:
+            if _LENGTH.fullmatch(name) and "ell" not in self.names:
+                yield f"ell{name[1:]}", name
+        for letter, ending in (("v", "_dot"), ("a", "_ddot")):
+            if letter not in self.names:
+                yield from ((letter + base, base + ending) for base in self.bases if _AXIS.fullmatch(base))
 
     def readings(self, word: str) -> list[list[Piece]]:
         """Return the readings of a word, the likeliest first: one symbol, or the factors of a product."""
-        spelled = "".join(GREEK.get(mark, mark) for mark in word)
-        whole = self.exact.get(word) or self.exact.get(spelled)
-        whole = whole or self.spellings.get(canonical(word)) or self.words.get(word)
-        return self._splits(word) if whole is None else [[whole], *self._differential(word)]
+        if word not in self._readings:
+            spelled = "".join(GREEK.get(mark, mark) for mark in word)
+            whole = self.exact.get(word) or self.exact.get(spelled)
+            whole = whole or self.spellings.get(canonical(word)) or self.words.get(word)
+            known = self._splits(word) if whole is None else [[whole], *self._differential(word)]
+            self._readings[word] = known
+        return self._readings[word]
 
     def _differential(self, word: str) -> list[list[Piece]]:
         """Return the reading d*theta of dtheta if the system has a symbol d; both readings are tried."""
@@ -120,6 +138,12 @@ class Names:
         """All spellings that may be a factor within a word, without the letter e, which too many words contain."""
         return {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
 
+    def order(self, tokens: Sequence[Token]) -> int:
+        """Return the highest order of the derivatives in a formula; that of an expression counts as 2."""
+        orders = [2 if token.kind in ("rate", "operator") else max(token.order, token.primes) for token in tokens]
+        words = (reading for token in tokens if token.kind == "word" for reading in self.readings(token.text))
+        return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
+
     def derivative(self, piece: Piece, order: int) -> Piece | None:
         """Return the derivative of a coordinate or given function, None if the system has none of this order."""
         total = piece.order + order
@@ -133,7 +157,7 @@ class Names:
         It offers coordinates and parameters only, no derivatives. It offers no short name, since a word that begins
         with one may be a product.
         """
-        power = re.fullmatch(r"([A-Za-z]+)([0-9]+)", word)
+        power = re.fullmatch(r"([A-Za-z]+)([2-9])", word)
         if power and self.readings(power.group(1)):
             return f" For a power write {power.group(1)}^{power.group(2)}."
         known = [name for name in self.names if len(name) >= SHORTEST_HINT and not name.endswith(RATES[1:])]
@@ -146,14 +170,18 @@ def canonical(name: str) -> str:
     return "".join(GREEK.get(mark, mark) for mark in name if mark != "_" and mark not in "[] ")
 
 
-def _spellings(base: str, order: int) -> list[str]:
-    """Return the spellings of a derivative of a coordinate, without underscores: theta1dot, thetadot1, dtheta1."""
+def _spellings(base: str, order: int, *, short: bool, joined: bool) -> list[str]:
+    """Return the spellings of a derivative of a coordinate, without underscores: theta1dot, thetadot1.
+
+    If `short` is true, theta1d is one, too, and dtheta1 if `joined` is true.
+    """
+    endings = [*SPELLINGS[order], *["d" * order] * short]
     key = canonical(base)
     head = key.rstrip("0123456789")
     index = key[len(head) :]
     parts = canonical(base.split("_", maxsplit=1)[0])
-    spellings = {key + ending for ending in SPELLINGS[order]} | {head + ending + index for ending in SPELLINGS[order]}
-    spellings |= {parts + ending + key[len(parts) :] for ending in SPELLINGS[order]}
-    if order:
+    spellings = {key + ending for ending in endings} | {head + ending + index for ending in endings}
+    spellings |= {parts + ending + key[len(parts) :] for ending in endings}
+    if order and joined:
         spellings.add("d" * order + key)
     return sorted(spellings)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,14 +19,15 @@ import sympy
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
+from lagrange.statement.typed.definitions import Definition, is_constant
 from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.names import RATES, Names, canonical
-from lagrange.statement.typed.remarks import FORMULA, OPERATIONS, SYMBOL, Clause, Line, Word, clauses_of, kind_of
+from lagrange.statement.typed.remarks import Clause
 from lagrange.statement.typed.tokens import Token, tokens_of
-from lagrange.statement.vocabulary.letters import GREEK, WORD
+from lagrange.statement.vocabulary.letters import WORD
 
 LONGEST_TEXT = 8_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
@@ -35,11 +35,8 @@ LONGEST_TEXT = 8_000
 LONGEST_ANSWER = 60_000
 """Most characters of a text with equations."""
 
-_CONSTANT = (["const"], ["constant"], ["konst"])
-"""Right sides that state that a quantity is constant."""
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
-"""A name that a line may define."""
+_VALUE = sympy.Dummy("value", real=True)
+"""A name that is defined, or its square."""
 
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 """Words with marks that mean derivatives in formulas: Newton's, für."""
@@ -88,26 +85,47 @@ class Reading:
 class TypedEquation:
     """An equation with all its readings, the likeliest first, and the line on which it begins (from 1).
 
-    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion.
+    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion. `link` is
+    the number of signs of equality before the last side of a = b = c, from 0.
     """
 
     readings: tuple[Reading, ...]
     line: int
     aside: bool = False
+    link: int = 0
 
 
 class TypedReader:
     """Reads typed equations in the symbols of one system.
 
     `symbols` maps strict names to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters, given
-    functions and multipliers. `multipliers` maps other spellings of multipliers to strict names.
+    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names.
     """
 
-    def __init__(self, symbols: Mapping[str, Any], multipliers: Mapping[str, str]) -> None:
-        self.symbols = dict(symbols)
-        self.multipliers = dict(multipliers)
-        self.names = Names(self.symbols, self.multipliers)
+    def __init__(self, symbols: Mapping[str, Any], others: Mapping[str, str]) -> None:
+        self.symbols, self.others = dict(symbols), dict(others)
+        self.names = Names(self.symbols, self.others, [name for name, x in symbols.items() if not x.is_Symbol])
         self.rates = self._rates()
+
+    def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
+        """Return the clauses of a text, and a reader with the symbols that it defines. `what` is its label."""
+        if len(text) > LONGEST_ANSWER:
+            raise StatementError(
+                f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
+            )
+        clean, spans = equation_spans(text, self._is_coordinate)
+        for begin, end in spans:
+            if end - begin > LONGEST_TEXT:
+                label = what or f"line {_line(text, begin)}"
+                raise StatementError(
+                    f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
+                )
+        clean = _OF_SENTENCES.sub(self._without_accents, clean)
+        lines = [self._clause(clean, *span).without_brackets() for span in spans]
+        clauses = [clause for line in lines for clause in line.clauses()]
+        if len(clauses) > MOST_EQUATIONS:
+            raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
+        return self._with_definitions(clauses)
 
     def equations(self, text: str, what: str = "") -> list[TypedEquation]:
         """Return the equations of a text, none if there are only comments. Raises StatementError with all faults.
@@ -116,72 +134,43 @@ class TypedReader:
 
         `what` begins a refusal, such as "equation 2"; places are columns, and lines where the text has several.
         """
-        if len(text) > LONGEST_ANSWER:
-            raise StatementError(
-                f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
-            )
         text = text.translate(_LETTERS)
-        clean, spans = equation_spans(text, self._is_coordinate)
-        if len(spans) > MOST_EQUATIONS:
-            raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")
-        for begin, end in spans:
-            if end - begin > LONGEST_TEXT:
-                label = what or f"line {_line(text, begin)}"
-                raise StatementError(
-                    f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
-                )
-        clean = _OF_SENTENCES.sub(self._without_accents, clean)
-        for span in spans:
-            clean = self._line_of(clean, *span).without_brackets()
-        clauses = [clause for span in spans for clause in clauses_of(clean, *span, self._reads)]
-        reader, listed = self._with_definitions(clean, clauses)
-        return reader._all(text, clean, listed, what)
+        reader, clauses = self._clauses(text, what)
+        return reader._all(text, clauses, what)
 
-    def _all(self, text: str, clean: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
+    def unknown(self, text: str, what: str = "") -> set[str]:
+        """Return the words that are not symbols in clauses of a text that have accelerations."""
+        reader, clauses = self._clauses(text.translate(_LETTERS), what)
+        moving = (clause for clause in clauses if reader.names.order(clause.tokens) > 1)
+        words = {token.text for clause in moving for token in clause.formula() if token.kind == "word"}
+        return {canonical(word) for word in words if not reader._reads(word)}
+
+    def _all(self, text: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
         """Return the equations of clauses. Raises StatementError for faults, and if all clauses are remarks."""
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         for clause in clauses:
-            line = self._line_of(clean, clause.begin, clause.end)
-            moves = self._accelerates(self._tokens(clean, clause.begin, clause.end))
-            introduced = not moves and self._is_introduced(text, clause.begin)
-            narrow = line.equation(moves=moves)
-            aside = not moves and (clause.aside or introduced or narrow[0] > line.begin)
-            if line.is_value(self._is_parameter):
+            if clause.is_value():
                 continue
+            moves = self.names.order(clause.tokens) > 1
+            introduced = not moves and self._is_introduced(text, clause.begin)
+            narrow = clause.equation(moves=moves)
+            named = len(clause.tokens) == 3 and self._is_integral(*clause.sides())  # x' = v
+            aside = not moves and (clause.aside or introduced or named or narrow[0] > clause.begin)
             try:
-                equations = self._without_remarks(line, *narrow)
+                equations = self._without_remarks(clause, *narrow)
             except _Faults as error:
-                left_out = line.is_law() or introduced or (not moves and line.is_remark(aside=clause.aside))
+                left_out = clause.is_law(clause.begin, clause.end) or introduced or (not moves and clause.is_remark())
                 (remarks if left_out else faults).extend(error.faults)
                 continue
-            found += [TypedEquation(readings, _line(text, clause.begin), aside) for readings in equations]
+            line = _line(text, clause.begin)
+            found += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
         if faults or (remarks and not found):
             raise StatementError(self._refusal(text, faults or remarks, what))
         return found
 
-    def _tokens(self, text: str, begin: int, end: int) -> list[Token]:
-        """Return the tokens of a part of a text. Words for operations are signs, unless they are symbols."""
-        return [
-            replace(token, kind="sign", text=OPERATIONS[token.text])
-            if token.text in OPERATIONS and token.kind == "word" and not self._reads(token.text)
-            else token
-            for token in with_derivatives(tokens_of(text, begin, end))
-        ]
-
-    def _line_of(self, text: str, begin: int, end: int) -> Line:
-        """Return a part of a text with its words."""
-        words = []
-        for token in with_derivatives(tokens_of(text, begin, end)):
-            if token.kind == "word":
-                pieces = next(iter(self.names.readings(token.text)), [])
-                marked = token.order > 0 or token.primes > 0
-                if marked or any(piece.kind == "function" or piece.order for piece in pieces):
-                    kind = FORMULA
-                else:
-                    known = pieces or self.names.hint(token.text)
-                    kind = SYMBOL if known else kind_of(text[token.begin : token.end])
-                words.append(Word(token.begin, token.end, kind))
-        return Line(text, begin, end, tuple(words))
+    def _clause(self, text: str, begin: int, end: int) -> Clause:
+        """Return a part of a text with its tokens."""
+        return Clause(text, begin, end, tuple(with_derivatives(tokens_of(text, begin, end))), self.names)
 
     def _without_accents(self, match: re.Match[str]) -> str:
         """Return a word such as für or Newton's without its accents, unless it is a product of symbols."""
@@ -191,7 +180,7 @@ class TypedReader:
     def _is_introduced(self, text: str, begin: int) -> bool:
         """Return True if a sentence with a colon, such as "Steady state:", precedes a part."""
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
-        return bool(colon) and not rest.strip() and self._line_of(above, 0, len(above)).is_sentence()
+        return bool(colon) and not rest.strip() and self._clause(above, 0, len(above)).is_remark(introduces=True)
 
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""
@@ -201,26 +190,21 @@ class TypedReader:
         """Return True if a word is the name of a coordinate."""
         return any(len(pieces) == 1 and pieces[0].name in self.names.bases for pieces in self.names.readings(word))
 
-    def _is_parameter(self, word: str) -> bool:
-        """Return True if a word is a single constant symbol."""
-        pieces = next(iter(self.names.readings(word)), [])
-        return len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
-
-    def _without_remarks(self, line: Line, begin: int, end: int) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a part, else of text[begin:end] in it. Raises _Faults."""
+    def _without_remarks(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a clause, else of text[begin:end] in it. Raises _Faults."""
         try:
-            return self._readings(line.text, line.begin, line.end)
+            return self._readings(clause)
         except _Faults:
-            if begin >= end or (begin, end) == (line.begin, line.end):
+            if begin >= end or (begin, end) == (clause.begin, clause.end):
                 raise
-            return self._readings(line.text, begin, end)
+            return self._readings(clause.part(begin, end))
 
-    def _readings(self, text: str, begin: int, end: int) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a part: a = b = c has two. Raises _Faults."""
-        strict = self._strict(text[begin:end])
+    def _readings(self, clause: Clause) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a clause: a = b = c has two. Raises _Faults."""
+        strict = None if clause.constant else self._strict(clause.shown)
         if strict is not None:
             return [(strict,)]
-        return [self._readings_of(sides, begin) for sides in self._equated(text, begin, end)]
+        return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
 
     def _readings_of(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
         """Return the readings of one equation by its sides. Raises _Faults."""
@@ -257,54 +241,43 @@ class TypedReader:
                 break
         return " = ".join(read)
 
-    def _with_definitions(self, text: str, clauses: Sequence[Clause]) -> tuple[TypedReader, list[Clause]]:
+    def _with_definitions(self, clauses: Sequence[Clause]) -> tuple[TypedReader, list[Clause]]:
         """Return a reader with the symbols that clauses such as r = sqrt(x^2 + y^2) define, and the other clauses.
 
-        A definition may use one that follows it. A name that no other clause contains is not defined.
+        A definition may use one that follows it. A name that no other clause contains is not defined. A clause that
+        states that the value is constant, as h = r^2 phi' = const or r^2 phi' = h, remains.
         """
-        reader, left = self, list(clauses)
-        tokens = {clause: self._tokens(text, clause.begin, clause.end) for clause in clauses}
-        words = {
-            clause: {canonical(token.text) for token in tokens[clause] if token.kind == "word"} for clause in clauses
-        }
-        uses = Counter(word for clause in clauses for word in words[clause])
+        reader, left = self, dict(enumerate(clauses))
         for _ in range(MOST_CHAINED):
-            for clause in [*left]:
-                name, square, begin = self._defined(tokens[clause])
-                if uses[canonical(name)] > 1 and not reader._reads(name):
-                    known = reader._abbreviation(text[: clause.end], name, begin, square=square)
-                    if known:
-                        reader = TypedReader(reader.symbols | known, self.multipliers)
-                        left.remove(clause)
-        return reader, left
+            for k, clause in [*left.items()]:
+                others = [one for one in clauses if one is not clause]
+                definition = Definition.of(clause.part(*clause.equation(moves=False)), others, reader.names)
+                known = reader._defined(definition) if definition else {}
+                if definition and known:
+                    reader = TypedReader(reader.symbols | known, self.others)
+                    del left[k]
+                    left |= {k: definition.constant} if definition.constant else {}
+        return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
-    @staticmethod
-    def _defined(tokens: Sequence[Token]) -> tuple[str, bool, int]:
-        """Return the name before a sign of equality at the begin of a clause, if it is squared, and the next offset."""
-        texts = [token.text for token in tokens[:4]]
-        square = texts[1:2] == ["2"] or texts[1:3] == ["^", "2"]
-        place = texts.index("=") if "=" in texts else 0
-        name = "".join(GREEK.get(mark, mark) for mark in texts[0]) if place else ""
-        if not _NAME.fullmatch(name) or tokens[0].order or tokens[0].primes or (place > 1 and not square):
-            return "", False, 0
-        return name, square, tokens[place].end
-
-    def _abbreviation(self, text: str, name: str, begin: int, *, square: bool) -> dict[str, Any]:
-        """Return {name: value} for the definition text[begin:], with the rate of the value if it moves.
-
-        It is {} for an equation. The value is a root if the name is squared.
-        """
+    def _defined(self, definition: Definition) -> dict[str, Any]:
+        """Return {name: value} for a definition, with the rate of the value if it moves; {} if it has no value."""
+        symbol = sympy.Symbol(definition.name, real=True)
+        reader = TypedReader(self.symbols | {definition.name: symbol}, self.others)
         try:
-            (readings,) = self._readings(text, begin, len(text))
-        except (_Faults, ValueError):
+            zero = reader._readings_of(definition.sides, 0)[0].zero
+        except _Faults:
             return {}
-        if readings[0].right:
-            return {}
-        value = sympy.sqrt(readings[0].zero) if square else readings[0].zero
-        with suppress(SceneError):
-            rate = self.differentiated(value, 1)
-            return {name: value, f"{name}_dot": rate} if rate != 0 else {name: value}
-        return {name: value}
+        for power in (1, 2):
+            slope = sympy.diff(zero.xreplace({symbol**power: _VALUE}), _VALUE)
+            rest = zero.xreplace({symbol**power: sympy.S.Zero})
+            if slope == 0 or slope.has(_VALUE, symbol) or rest.has(symbol):
+                continue
+            value = (-rest / slope) ** sympy.Rational(1, power)
+            with suppress(SceneError):
+                rate = self.differentiated(value, 1)
+                return {definition.name: value} | ({f"{definition.name}_dot": rate} if rate != 0 else {})
+            return {definition.name: value}
+        return {}
 
     def _strict(self, text: str) -> Reading | None:
         """Return the reading of a text in the strict notation, None if it is not in it."""
@@ -318,27 +291,32 @@ class TypedReader:
         shown = " = ".join(" ".join(side.split()) for side in sides)
         return _reading(values, shown)
 
-    def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
-        """Return the sides of each equation of a part. Raises _Faults.
+    def _equated(self, clause: Clause) -> list[list[list[Token]]]:
+        """Return the sides of each equation of a clause. Raises _Faults.
 
         For a = b = c these are a = b and a = c. A further side of unknown names, as in p = m x' = const, is left out,
         and in the middle also one such as F/m. For a side equated with "const", or a velocity with a name that is not a
         symbol, its rate is zero.
         """
-        tokens = self._tokens(text, begin, end)
-        places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
-        cuts = [-1, *places, len(tokens)]
-        sides = [tokens[left + 1 : right] for left, right in pairwise(cuts)]
+        sides, begin = clause.sides(), clause.begin
+        places = [token.begin for token in clause.tokens if token.is_sign("=")]
         for place, left, right in zip(places, sides, sides[1:], strict=False):
             if not left or not right:
                 side = "left" if not left else "right"
-                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", tokens[place].begin)])
-        plain = [side for side in sides if self._is_constant(side) or not self._is_foreign(side, side in sides[1:-1])]
+                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", place)])
+        laws = [side for side in sides if len(sides) > 2 and clause.is_law(side[0].begin, side[-1].end)]
+        plain = [
+            side
+            for side in sides
+            if is_constant(side) or not (side in laws or self._is_foreign(side, side in sides[1:-1]))
+        ]
         sides = plain if len(plain) > 1 else sides
-        if len(sides) > 2 and not any(map(self._accelerates, sides)):
+        if len(sides) > 2 and not any(self.names.order(side) > 1 for side in sides):
             many = f"there are {len(places)} signs of equality: write one equation with two sides"
-            raise _Faults([TypedFault(many, tokens[places[1]].begin)])
-        if len(sides) > 1 and (self._is_constant(sides[-1]) or self._is_integral(*sides)):
+            raise _Faults([TypedFault(many, places[1])])
+        if clause.constant:
+            sides = [*sides, []]
+        if clause.constant or (len(sides) > 1 and (is_constant(sides[-1]) or self._is_integral(*sides))):
             return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
@@ -349,25 +327,11 @@ class TypedReader:
         unknown = bool(faults) and all(isinstance(fault, UnknownWord) for fault in faults)
         return unknown and (between or len(faults) == words)
 
-    @staticmethod
-    def _is_constant(side: Sequence[Token]) -> bool:
-        return [token.text for token in side] in _CONSTANT
-
     def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
         """Return True if two sides are a formula with a velocity at most, and a name without meaning, as in p = C."""
         names = [token.text for other in others for token in other]
         unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
-        return unknown and not self.names.hint(names[0]) and self._order(side) == 1
-
-    def _accelerates(self, side: Sequence[Token]) -> bool:
-        """Return True if a formula contains a second derivative, or the derivative of an expression."""
-        return self._order(side) > 1
-
-    def _order(self, side: Sequence[Token]) -> int:
-        """Return the highest order of the derivatives in a formula; that of an expression counts as 2."""
-        orders = [2 if token.kind == "rate" else max(token.order, token.primes) for token in side]
-        words = (reading for token in side if token.kind == "word" for reading in self.names.readings(token.text))
-        return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
+        return unknown and not self.names.hint(names[0]) and self.names.order(side) == 1
 
     def _formulas(self, sides: Sequence[Sequence[Token]], choices: Choices) -> list[Formula]:
         formulas: list[Formula] = []

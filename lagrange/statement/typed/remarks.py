@@ -8,50 +8,21 @@ without an acceleration may be left out as a whole: the others must then determi
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate, pairwise
 
 from lagrange.statement.typed.latex import ARROW
-from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of
+from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of, separated
+from lagrange.statement.typed.names import Names
+from lagrange.statement.typed.tokens import Token
 
-_ASIDES = (
-    *("where", "with", "for", "if", "when", "since", "because", "as", "here", "assuming", "provided", "using"),
-    *("wobei", "mit", "fur", "wenn", "falls", "weil", "da"),
-)
-_CONNECTING = (
-    *(
-        "so",
-        "thus",
-        "hence",
-        "therefore",
-        "then",
-        "and",
-        "or",
-        "gives",
-        "yields",
-        "get",
-        "obtain",
-        "find",
-        "is",
-        "that",
-    ),
-    *("reads", "becomes", "follows", "which", "finally", "answer", "solution", "result", "eom", "also", "und", "oder"),
-    *(
-        "somit",
-        "daher",
-        "damit",
-        "dann",
-        "folgt",
-        "gilt",
-        "ist",
-        "lautet",
-        "ergibt",
-        "sich",
-        "antwort",
-        "ergebnis",
-        "losung",
-    ),
+_ASIDES = "where|with|for|if|when|since|because|as|here|assuming|provided|using|wobei|mit|fur|wenn|falls|weil|da"
+_CONNECTING = re.compile(
+    "so|thus|hence|therefore|then|and|or|are|gives|yields|get|obtain|find|is|that|reads|becomes|follows|which|finally|"
+    "answer|solution|result|eom|also|und|oder|somit|daher|damit|dann|folgt|gilt|ist|lautet|ergibt|sich|antwort|"
+    "ergebnis|losung"
 )
 """Words that may stand directly before an equation."""
 
@@ -68,13 +39,16 @@ _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 """Words without a meaning of their own, so that they do not make prose out of symbols."""
 
 _ARROW = re.compile(rf"=>|->|:(?!=)|[⇒→⟹⟶∴]|{ARROW}")
-_ASIDE = re.compile(rf"(?<!\\)\b(?:{'|'.join(_ASIDES)})\b", re.IGNORECASE)
+_ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
 _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
 _UNITS_ALONE = re.compile(rf"\s*{_UNITS}[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
-_PROVEN = re.compile(r"[\s,;.]*(?:q\.?\s?e\.?\s?d|w\.?\s?z\.?\s?b\.?\s?w)\.?\s*$", re.IGNORECASE)
+_ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
+_PROVEN = re.compile(rf"[\s,;.(]*(?:q\.?\s?e\.?\s?d|w\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
+"""Words at the end of an equation that say nothing: Q.E.D., for all times."""
+
 _MARK = re.compile(rf"[,;!]|\.\s|//|--|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
@@ -117,71 +91,110 @@ def kind_of(text: str) -> int:
 
 @dataclass(frozen=True)
 class Clause:
-    """The span of one clause of a line. `aside` is true after words such as "where" and "with"."""
+    """A part text[begin:end] of an answer with its tokens, whose derivatives are marked.
 
-    begin: int
-    end: int
-    aside: bool = False
-
-
-def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) -> list[Clause]:
-    """Return the clauses of text[begin:end].
-
-    It is divided at arrows and colons, before brackets with an equation, and at words such as "where" between two signs
-    of equality. A word that is a symbol of the system does not divide.
+    `names` are the symbols of the system. `aside` is true after words such as "where" and "with", and `constant` if
+    the part states that its value is constant.
     """
-    cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
-    asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
-    cuts += [(match.span(), True) for match in asides if not known(match.group())]
-    cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
-    clauses, start, aside = [], begin, False
-    for (left, right), opens in sorted(cuts):
-        if opens and "=" not in text[start:left] and text[start:left].strip():
-            continue
-        clauses.append(_trimmed(text, start, left, aside))
-        start, aside = right, opens or aside
-    clauses.append(_trimmed(text, start, end, aside))
-    return [clause for clause in clauses if clause.end > clause.begin]
-
-
-def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
-    """Return a clause without punctuation at its ends and without brackets whose other ends are in other clauses."""
-    depth = depth_of(text[begin:end])
-    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in OPEN and depth > 0)):
-        end -= 1
-        depth -= text[end] in OPEN
-    while aside and end > begin and text[end - 1] in ")] ." and (depth < 0 or text[end - 1] in " ."):
-        end -= 1
-        depth += text[end] in CLOSE
-    while begin < end and text[begin] in " \t\r\n,;":
-        begin += 1
-    if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:
-        enclosed = all(accumulate((mark in OPEN) - (mark in CLOSE) for mark in text[begin : end - 1]))
-        return Clause(begin + enclosed, end - enclosed, aside)
-    return Clause(begin, end, aside)
-
-
-@dataclass(frozen=True)
-class Line:
-    """A part text[begin:end] of an answer, with its words."""
 
     text: str
     begin: int
     end: int
-    words: tuple[Word, ...]
+    tokens: tuple[Token, ...]
+    names: Names
+    aside: bool = False
+    constant: bool = False
 
     @property
     def shown(self) -> str:
         """Text of the part."""
         return self.text[self.begin : self.end]
 
-    def without_brackets(self) -> str:
-        """Return the whole text with blanks for brackets with prose or units."""
+    @cached_property
+    def words(self) -> tuple[Word, ...]:
+        """The words of the part."""
+        return tuple(self._word(token) for token in self.tokens if token.kind == "word")
+
+    def _word(self, token: Token) -> Word:
+        """Return the span and the kind of a word."""
+        pieces = next(iter(self.names.readings(token.text)), [])
+        if token.order or token.primes or any(piece.kind == "function" or piece.order for piece in pieces):
+            kind = FORMULA
+        elif pieces or self.names.hint(token.text):
+            kind = SYMBOL
+        else:
+            kind = kind_of(self.text[token.begin : token.end])
+        return Word(token.begin, token.end, kind)
+
+    def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
+        """Return the clause text[begin:end] in this one."""
+        tokens = tuple(token for token in self.tokens if begin <= token.begin < end)
+        return Clause(self.text, begin, end, tokens, self.names, aside)
+
+    def formula(self) -> list[Token]:
+        """Return the tokens, with signs for words for operations, unless these are symbols."""
+        return [
+            replace(token, kind="sign", text=OPERATIONS[token.text])
+            if token.text in OPERATIONS and token.kind == "word" and not self.names.readings(token.text)
+            else token
+            for token in self.tokens
+        ]
+
+    def sides(self) -> list[list[Token]]:
+        """Return the tokens between the signs of equality."""
+        sides: list[list[Token]] = [[]]
+        for token in self.formula():
+            if token.is_sign("="):
+                sides.append([])
+            else:
+                sides[-1].append(token)
+        return sides
+
+    def without_brackets(self) -> Clause:
+        """Return the clause with blanks for brackets with prose or units."""
         text = self.text
         for match in _BRACKET.finditer(text, self.begin, self.end):
             if self._is_apart(*match.span(1)):
                 text = text[: match.start()] + " " * len(match.group()) + text[match.end() :]
-        return text
+        return replace(self, text=text, tokens=tuple(one for one in self.tokens if not text[one.begin].isspace()))
+
+    def clauses(self) -> list[Clause]:
+        """Return the clauses of a line.
+
+        It is divided at arrows and colons, before brackets with an equation, and at words such as "where" between two
+        signs of equality. A word that is a symbol of the system does not divide.
+        """
+        text, begin, end = self.text, self.begin, self.end
+        cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
+        asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
+        cuts += [(match.span(), True) for match in asides if not self.names.readings(match.group())]
+        cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
+        clauses, start, aside = [], begin, False
+        for (left, right), opens in sorted(cuts):
+            if opens and "=" not in text[start:left] and text[start:left].strip():
+                continue
+            clauses.append(self._trimmed(start, left, aside))
+            start, aside = right, opens or aside
+        clauses.append(self._trimmed(start, end, aside))
+        parts = (one._trimmed(*span, one.aside) for one in clauses for span in separated(text, one.begin, one.end))
+        return [clause for clause in parts if clause.end > clause.begin]
+
+    def _trimmed(self, begin: int, end: int, aside: bool) -> Clause:
+        """Return a part without punctuation at its ends and without brackets whose other ends are in other parts."""
+        text = self.text
+        depth = depth_of(text[begin:end])
+        while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in OPEN and depth > 0)):
+            end -= 1
+            depth -= text[end] in OPEN
+        while aside and end > begin and text[end - 1] in ")] ." and (depth < 0 or text[end - 1] in " ."):
+            end -= 1
+            depth += text[end] in CLOSE
+        while begin < end and text[begin] in " \t\r\n,;":
+            begin += 1
+        if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:
+            enclosed = all(accumulate((mark in OPEN) - (mark in CLOSE) for mark in text[begin : end - 1]))
+            begin, end = begin + enclosed, end - enclosed
+        return self.part(begin, end, aside=aside)
 
     def equation(self, *, moves: bool) -> tuple[int, int]:
         """Return the span without the words before the equation and without remarks after it.
@@ -195,7 +208,7 @@ class Line:
             if self._is_unit(mark.end(), end) if wide else self._is_apart(mark.end(), end, bare=mark.group().isalpha()):
                 end = mark.start()
         run = self._introduction()
-        ends = [self._spelled(word) in _CONNECTING if moves else word.kind != SYMBOL for word in run]
+        ends = [bool(_CONNECTING.fullmatch(self._spelled(word))) if moves else word.kind != SYMBOL for word in run]
         cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
         kinds = [word.kind for word in run[:cut]]
         begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
@@ -207,40 +220,42 @@ class Line:
             begin += 1
         return begin, end
 
-    def is_sentence(self) -> bool:
-        """Return True if the part begins with at least two words that are not symbols."""
-        kinds = [word.kind for word in self._introduction()]
-        return WORD in kinds and len(kinds) - kinds.count(SYMBOL) > 1
-
-    def is_remark(self, *, aside: bool) -> bool:
+    def is_remark(self, *, introduces: bool = False) -> bool:
         """Return True if a part without an acceleration that cannot be read is not about the motion.
 
         It is prose, a sentence, or the definition of another quantity such as L = T - V. An aside after "where" is not
-        a sentence because of its first word alone.
+        a sentence because of its first word alone, nor is a part that `introduces` an equation by a colon.
         """
+        run = [word.kind for word in self._introduction()]
+        sentence = WORD in run and len(run) - run.count(SYMBOL) > 1
+        if introduces:
+            return sentence
         kinds = [word.kind for word in self.words]
         left, equality, _ = self.shown.partition("=")
         if not equality:
             bare = not _SIGNS.search(self.shown) and FORMULA not in kinds
-            return self._is_apart(self.begin, self.end) or (bare and kinds[:1] == [WORD] and kinds[-1] in (WORD, SHORT))
+            joining = bool(kinds) and {*kinds} <= {WORD, SHORT}
+            prose = kinds[:1] == [WORD] and kinds[-1] in (WORD, SHORT)
+            return self._is_apart(self.begin, self.end) or (bare and (prose or joining))
         begin, _ = self.equation(moves=False)
         first = next((word.kind for word in self.words if word.begin >= begin), SYMBOL)
         if _DEFINED.match(self.text, begin, self.end) and first >= NAME:
             return True
         explained = left.strip().isalnum() and self._is_apart(self.begin + len(left) + 1, self.end)
-        return explained or self.is_sentence() or (not aside and kinds[:1] == [WORD])
+        return explained or sentence or (not self.aside and kinds[:1] == [WORD])
 
-    def is_law(self) -> bool:
-        """Return True if the part is Lagrange's formula."""
-        return bool(_LAGRANGE.search(self.shown))
+    def is_law(self, begin: int, end: int) -> bool:
+        """Return True if text[begin:end] is Lagrange's formula."""
+        return bool(_LAGRANGE.search(self.text, begin, end))
 
-    def is_value(self, parameter: Callable[[str], bool]) -> bool:
+    def is_value(self) -> bool:
         """Return True if a part states a value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
         name, _, _ = self.shown.partition("=")
         if _AT_START.fullmatch(name):
             return True
-        place = self.begin + len(name)
-        return parameter(name.strip()) and bool(_NUMBER_AT_END.fullmatch(self.text, place, self.end))
+        pieces = next(iter(self.names.readings(name.strip())), [])
+        constant = len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
+        return constant and bool(_NUMBER_AT_END.fullmatch(self.text, self.begin + len(name), self.end))
 
     def _introduction(self) -> Sequence[Word]:
         """Return the words at the begin of the part with only blanks and punctuation between them."""

@@ -18,6 +18,7 @@ from lagrange.statement.typed.latex import (
     SPACES,
     WORD_GROUPS,
 )
+from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
 """Combining marks above a letter, and the order of the time derivative that each means."""
@@ -38,6 +39,12 @@ GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ"
 """Characters that look like letters of a name, and their spelling in names."""
 
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
+_DECIMAL_COMMA = re.compile(r"([0-9]+)(?:,|\{,\})([0-9]+)(?![0-9]|[.,][0-9])")
+"""A number such as 0,5: no blanks around the comma, and no further comma or point."""
+
+_LONE = re.compile(r"\s*([0-9A-Za-z])")
+"""An argument of a fraction without braces."""
+
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
 _GROUP = re.compile(r"\s*\{\s*([^{}]*?)\s*\}")
@@ -48,6 +55,10 @@ _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2}ot)\b")
 _BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")
 """Functions that end a word before a digit, as in sin2x."""
+
+SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if word.most != 1)}
+SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
+"""Functions of several arguments: a comma between digits in their brackets is not a decimal comma."""
 
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
@@ -88,6 +99,7 @@ class _Scanner:
         self.text, self.end = text[:end], end
         self.found: list[Token] = []
         self.spaced = False
+        self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
 
     def scan(self, place: int) -> list[Token]:
         """Return all tokens from an offset on."""
@@ -100,6 +112,10 @@ class _Scanner:
         return self.found
 
     def _add(self, kind: str, text: str, begin: int, end: int, order: int = 0) -> int:
+        if kind == "sign" and text in "([{":
+            self.listing.append(bool(self.found) and self.found[-1].text in SEVERAL)
+        elif kind == "sign" and text in ")]}" and self.listing:
+            self.listing.pop()
         self.found.append(Token(kind, text, begin, end, order, self.spaced))
         self.spaced = False
         return end
@@ -107,6 +123,9 @@ class _Scanner:
     def _token(self, place: int) -> int:
         """Add the token that begins at an offset, and return the next offset."""
         mark = self.text[place]
+        decimal = _DECIMAL_COMMA.match(self.text, place)
+        if decimal and not any(self.listing[-1:]):
+            return self._add("number", ".".join(decimal.groups()), place, decimal.end())
         number = _NUMBER.match(self.text, place)
         if number:
             return self._add("number", number.group().removesuffix("."), place, number.end())
@@ -131,9 +150,13 @@ class _Scanner:
                 return self._add("index", index, place, after)
         if mark.isalpha():  # of any alphabet, so that messages name whole words
             return self._word(place)
-        vulgar = unicodedata.normalize("NFKC", mark)
-        if "⁄" in vulgar:
-            return self._add("number", "/".join(vulgar.split("⁄")), place, place + 1)
+        above, slash, below = unicodedata.normalize("NFKC", mark).partition("⁄")
+        if slash:
+            last = self.found[-1] if self.found else None
+            if last and last.end == place and last.kind == "number" and last.text.isdigit():  # 1½
+                self.found.pop()
+                return self._add("number", f"{int(last.text) * int(below) + int(above)}/{below}", last.begin, place + 1)
+            return self._add("number", f"{above}/{below}", place, place + 1)
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", place, place + 1)
 
     def _word(self, place: int) -> int:
@@ -157,6 +180,8 @@ class _Scanner:
         rate = _RATE.match(self.text, place)
         if rate:
             order, place = order + len(rate.group(1)) - 2, rate.end()
+        if spelled in DERIVATIVES and self.text.startswith("(", place):  # ddot(x)
+            return self._add("dots", str(DERIVATIVES[spelled]), begin, place)
         return self._add("word", spelled, begin, place, order)
 
     def _indices(self, place: int) -> tuple[str, int]:
@@ -199,9 +224,15 @@ class _Scanner:
         if name in "{}|":
             return self._add("sign", {"{": "(", "}": ")", "|": "|"}[name], place, after)
         if name in FRACTIONS:
-            return self._add("fraction", name, place, after)
+            after = self._add("fraction", name, place, after)
+            for _ in range(2):
+                lone = _LONE.match(self.text, after)
+                kind = "number" if lone and lone.group(1).isdigit() else "word"
+                after = self._add(kind, lone.group(1), *lone.span(1)) if lone else after
+            return after
         if name in DERIVATIVES:
-            return self._add("dots", str(DERIVATIVES[name]), place, after)
+            twice = self.text.startswith("[2]", after)  # \\dv[2]{x}{t}
+            return self._add("dots", str(DERIVATIVES[name] + twice), place, after + 3 * twice)
         if name in WORD_GROUPS:
             group = _GROUP.match(self.text, after)
             if group and group.group(1):

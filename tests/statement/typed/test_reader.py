@@ -68,6 +68,17 @@ READINGS = {
     r"\arctan x + \sin^{-1} x": "atan(x) + asin(x)",
     "1/2 m x": "1/2*m*x",
     "x^-2": "x**(-2)",
+    "0,5 m x'' + 1{,}5 k": "0.5*m*x_ddot + 1.5*k",
+    "max(0,5) + atan2(1,2)": "max(0,5) + atan2(1,2)",
+    "1½ x + 2¾": "3/2*x + 11/4",
+    "ddot(x) + dot(theta)": "x_ddot + theta_dot",
+    "xdd + thetad + theta1dd": "x_ddot + theta_dot + theta1_ddot",
+    "a_x + v_x": "x_ddot + x_dot",
+    r"\ell_1 + m\ell + mℓ²": "l1 + m*l + m*l**2",
+    r"\dv[2]{x}{t} + \dv{\theta}{t}": "x_ddot + theta_dot",
+    r"\frac gl + \frac{g}2 + \frac\theta2": "g/l + g/2 + theta/2",
+    r"\phantom{-}g": "g",
+    "d/dt [m x']": "d/dt(m*x_dot)",
 }
 
 
@@ -81,6 +92,8 @@ def test_what_is_typed_is_read(text: str, expected: str) -> None:
     ("text", "readings"),
     [
         ("g/2l", ["g/(2*l)", "g/2*l"]),
+        ("d/dt m l^2 theta'", ["d/dt(m*l**2*theta_dot)", "d/dt(m)*l**2*theta_dot"]),
+        ("d/dt (m l^2) theta'", ["d/dt(m*l**2)*theta_dot", "d/dt(m*l**2*theta_dot)"]),
         ("g/l x", ["g/l*x", "g/(l*x)"]),
         ("sin theta^2", ["sin(theta**2)", "sin(theta)**2"]),
         ("sin x/2", ["sin(x)/2", "sin(x/2)"]),
@@ -109,6 +122,12 @@ def test_a_word_is_the_symbol_of_that_name_before_it_is_a_product() -> None:
 
 
 LINES = {
+    "x'' = 0,5 x, theta'' = 1,5": ["x_ddot = 0.5*x", "theta_ddot = 1.5"],
+    "x'' = 1,2 theta'' = 3": ["x_ddot = 1", "2*theta_ddot = 3"],
+    "x'' = 0\nand\ntheta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
+    "The equations are $x'' = 0$\nand $theta'' = 0$": ["x_ddot = 0", "theta_ddot = 0"],
+    "x'' = -k x | : m": ["x_ddot = -k*x"],
+    "d/dt(dL/dx') - dL/dx = m x'' + k x = 0": ["m*x_ddot + k*x = 0"],
     "m x''\n  = -k x": ["m*x_ddot = -k*x"],
     "m x'' =\n -k x": ["m*x_ddot = -k*x"],
     "m x''\n + k x = 0\n\nM theta'' = 0": ["m*x_ddot + k*x = 0", "M*theta_ddot = 0"],
@@ -183,6 +202,7 @@ REMARKS |= {
         ("```\n", "\n```"),
         ("", " -- no friction"),
         ("", " where k is the stiffness of the spring"),
+        *(("", f" {words}") for words in ("for all times", "(for all t)", "for any t", "∀ t")),
         ("Let v = x' be the rate.\n", "\nwhich is independent of g."),
         ("L = T - V, ", ", Q.E.D."),
         ("", " (conservation of E = m x'^2/2 + k x^2/2)"),
@@ -199,14 +219,27 @@ DEFINED = {
     "m v' = -k x times 2\nv = dx/dt": "m*v_dot = -k*x*2",
     "\ufeff𝑚 𝑥̈ = −𝑘 𝑥": "m*x_ddot = -k*x",
     "θ'' = sen θ - arctg θ": "theta_ddot = sin(theta) - atan(theta)",
+    "x'' = -2γx', γ = k/(2m)": "x_ddot = -2*gamma*x_dot",
+    "Let D = x - theta and C = m + M. Then\nC x'' = k D": "C*x_ddot = k*D",
+    "x' = v\nm v' = -k x": "m*v_dot = -k*x",
+    "x_dot = v, v_dot = -k x/m": "v_dot = -k*x/m",
+    "x' = p/m\np' = -k x": "p_dot = -k*x",
+    "x'' = h^2/x^3 with x^2 theta' = h": "x_ddot = h**2/x**3",
+    "theta' = h/x^2, x'' = h^2/x^3, h = const": "x_ddot = h**2/x**3",
+    "h = x^2 theta' is constant, x'' = h^2/x^3": "d/dt(x**2*theta_dot)",
 }
 """Answers with definitions, words for operations, and letters of formula editors, and the first equation."""
 
 
 @pytest.mark.parametrize("text", DEFINED)
 def test_definitions_and_words_for_operations_are_read(text: str) -> None:
-    (equation,) = reader().equations(text)
+    equation = next(one for one in reader().equations(text) if not one.aside)
     assert equation.readings[0].read == DEFINED[text]
+
+
+def test_a_matrix_is_refused() -> None:
+    with pytest.raises(StatementError, match="an answer has a matrix, which is not read: write one equation a line"):
+        reader().equations(r"\begin{pmatrix} x'' \\ theta'' \end{pmatrix} = 0")
 
 
 SCRAPS = (
@@ -346,7 +379,8 @@ def test_a_long_text_is_refused_before_it_is_read() -> None:
 
 ENDLESS = {
     "units": ("theta'' = 0 " + "3 g- " * 60 + "!", "the number 3 follows a number without a sign"),
-    "fractions": ("x = " + r"\frac" * 900, "more than 40 brackets, functions or exponents"),
+    "fractions": ("x = " + r"\frac{1}{" * 100 + "x" + "}" * 100, "more than 40 brackets, functions or exponents"),
+    "commands": ("x = " + r"\frac" * 900, "a value is missing before '/'"),
     "functions": ("theta'' = " + "sin " * 900 + "x", "more than 40 brackets, functions or exponents"),
     "exponents": ("x = " + "e^" * 900, "more than 40 brackets, functions or exponents"),
     "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a mark follows no symbol"),

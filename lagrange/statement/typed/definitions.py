@@ -1,0 +1,81 @@
+"""Names that an answer defines for itself: r = sqrt(x^2 + y^2), m r^2 phi' = L, w^2 = k/m."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from lagrange.statement.typed.names import SPELLINGS, Names, canonical
+from lagrange.statement.typed.remarks import Clause
+from lagrange.statement.typed.tokens import Token
+from lagrange.statement.vocabulary.letters import GREEK
+
+_CONSTANT = (["const"], ["constant"], ["konst"])
+"""Right sides that state that a quantity is constant."""
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
+"""A name that a line may define."""
+
+_LONE = (("",), ("", "2"), ("", "^", "2"))
+"""Sides that a definition may have: a name, written as "", and its square."""
+
+
+def is_constant(side: Sequence[Token]) -> bool:
+    """Return True if a side of an equation is the word "const"."""
+    return [token.text for token in side] in _CONSTANT
+
+
+@dataclass(frozen=True)
+class Definition:
+    """An equation that defines a name: its two sides, of which one may be the name.
+
+    `constant` is the clause that remains: it states that the value is constant, or is None.
+    """
+
+    name: str
+    sides: tuple[list[Token], list[Token]]
+    constant: Clause | None = None
+
+    @classmethod
+    def of(cls, clause: Clause, others: Sequence[Clause], names: Names) -> Definition | None:
+        """Return the definition that a clause is: it has one unknown name, which other clauses contain; else None.
+
+        A name that is not alone on a side is defined if another clause states its derivative or that it is constant.
+        """
+        sides = clause.sides()
+        stated = is_constant(sides[-1])
+        sides = sides[:-1] if stated else sides
+        words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
+        marked = any(word.order or word.primes for word in words)
+        if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:
+            return None
+        name = "".join(GREEK.get(mark, mark) for mark in words[0].text)
+        lone = [k for k, side in enumerate(sides) if tuple("" if one in words else one.text for one in side) in _LONE]
+        place = lone[0] if lone else -1
+        value = sides[1 - place] if lone else sides[0]
+        if not _NAME.fullmatch(name) or (not lone and names.order(sides[0] + sides[1]) > 1):
+            return None
+        stating, used = _uses(canonical(name), others)
+        if not (used and lone) and not stating:
+            return None
+        kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
+        fixed = stated or (place == 1 and names.order(value) == 1 and not stating)
+        return cls(name, (sides[0], sides[1]), replace(kept, constant=True) if fixed else None)
+
+
+def _uses(key: str, clauses: Sequence[Clause]) -> tuple[bool, bool]:
+    """Return whether a clause states the derivative of a name or that it is constant, and whether one contains it."""
+    rates = {key + ending for endings in SPELLINGS[1:] for ending in endings}
+    stating = used = False
+    for clause in clauses:
+        words = [token for token in clause.tokens if token.kind == "word"]
+        for word in words:
+            spelled = canonical(word.text)
+            marked = spelled == key and (word.order or word.primes or is_constant(clause.sides()[-1]))
+            stating |= spelled in rates or bool(marked)
+            joined = key in spelled and spelled != f"d{key}" and not clause.names.readings(word.text)
+            used |= spelled == key or joined
+        stating |= any(one.kind == "rate" and two.text == key for one, two in pairwise(clause.tokens))
+    return stating, used
