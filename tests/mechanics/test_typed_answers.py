@@ -16,6 +16,25 @@ from lagrange.mechanics.grading import budget, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
+from tests.mechanics.answered_systems import (
+    cart,
+    chain,
+    coupled,
+    disc,
+    driven,
+    morse,
+    orbit,
+    oscillator,
+    pulley,
+    rod,
+    rolling,
+    spun,
+    strung,
+    table,
+    top,
+    wedge,
+    yoyo,
+)
 from tests.models import loaded, shared_scene
 
 LONG = [name for name in lg.scenes() if loaded(name).rotations and loaded(name).constraints]
@@ -275,174 +294,6 @@ def test_an_equation_without_a_value_somewhere_is_wrong() -> None:
         f"x'' = -({drag}) x' sqrt(x'^2 - y'^2)\ny'' = -g - ({drag}) y' sqrt(x'^2 + y'^2)"
     )
     assert not result and result.wrong == (0,)
-
-
-def oscillator() -> lg.System:
-    x, (m, k, c, g, F, w) = lg.coordinate("x"), lg.parameters("m k c g F w")
-    return lg.System(
-        m * x.dot**2 / 2, k * x**2 / 2 - m * g * x, forces={x: F * sp.cos(w * lg.t)}, dissipation=c * x.dot**2 / 2
-    )
-
-
-def morse() -> lg.System:
-    r, (m, D, a) = lg.coordinate("r"), lg.parameters("m D a")
-    return lg.System(m * r.dot**2 / 2, D * (1 - sp.exp(-a * r)) ** 2)
-
-
-def orbit() -> lg.System:
-    r, phi = lg.coordinates("r phi")
-    m, M, g = lg.parameters("m M g")
-    return lg.System((m + M) * r.dot**2 / 2 + m * r**2 * phi.dot**2 / 2, M * g * r)
-
-
-def wedge() -> lg.System:
-    X, s = lg.coordinates("X s")
-    m, M, g, a = lg.parameters("m M g a")
-    return lg.System((M + m) * X.dot**2 / 2 + m * s.dot**2 / 2 + m * X.dot * s.dot * sp.cos(a), -m * g * s * sp.sin(a))
-
-
-def chain() -> lg.System:
-    x1, x2, x3 = lg.coordinates("x1 x2 x3")
-    m, M, k, b = lg.parameters("m M k b")
-    springs = k * ((x2 - x1 - b) ** 2 + (x3 - x2 - b) ** 2) / 2
-    return lg.System(m * (x1.dot**2 + x3.dot**2) / 2 + M * x2.dot**2 / 2, springs)
-
-
-def top() -> lg.System:
-    phi, theta, psi = lg.coordinates("phi theta psi")
-    I1, I3 = lg.parameters("I1 I3")
-    spin = psi.dot + phi.dot * sp.cos(theta)
-    return lg.System(I1 * (theta.dot**2 + phi.dot**2 * sp.sin(theta) ** 2) / 2 + I3 * spin**2 / 2, 0)
-
-
-def cart() -> lg.System:
-    x, theta = lg.coordinates("x theta")
-    M, m, l, g = lg.parameters("M m l g")
-    bob = (x + l * sp.sin(theta), -l * sp.cos(theta))
-    return lg.System(M * x.dot**2 / 2 + lg.kinetic_energy(m, bob), lg.gravity(m, bob, g))
-
-
-def driven() -> lg.System:
-    theta, (m, l, g, A, gamma) = lg.coordinate("theta"), lg.parameters("m l g A gamma")
-    return lg.System(m * l**2 * theta.dot**2 / 2, -m * l * (g + A * sp.sin(theta - gamma * lg.t)) * sp.cos(theta))
-
-
-def table() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m, g, mu = lg.parameters("m g mu")
-    friction = -mu * m * g * sp.sign(x.dot)
-    kinetic = m * (x.dot**2 + y.dot**2) / 2
-    return lg.System(kinetic, m * g * y, constraints={"table": y}, forces={x: friction})
-
-
-def rolling() -> lg.System:
-    s, phi = lg.coordinates("s phi")
-    m, inertia, R, g, a = lg.parameters("m I R g alpha")
-    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
-    return lg.System(kinetic, -m * g * s * sp.sin(a), constraints={"rolling": s - R * phi})
-
-
-def strung() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m1, m2, g, L = lg.parameters("m1 m2 g L")
-    return lg.System(m1 * x.dot**2 / 2 + m2 * y.dot**2 / 2, -m1 * g * x - m2 * g * y, constraints={"string": x + y - L})
-
-
-def spun() -> lg.System:
-    J1, J2, J3 = lg.parameters("J1 J2 J3")
-    x, y, z = lg.rotation("R").body
-    return lg.System((J1 * x**2 + J2 * y**2 + J3 * z**2) / 2, 0)
-
-
-def rod() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m, g, l = lg.parameters("m g l")
-    return lg.System(m * (x.dot**2 + y.dot**2) / 2, m * g * y, constraints={"rod": x**2 + y**2 - l**2})
-
-
-def pulley() -> lg.System:
-    x, (m1, m2, inertia, R, g) = lg.coordinate("x"), lg.parameters("m1 m2 I R g")
-    return lg.System((m1 + m2 + inertia / R**2) * x.dot**2 / 2, -(m1 - m2) * g * x)
-
-
-def coupled() -> lg.System:
-    x1, x2 = lg.coordinates("x1 x2")
-    m1, m2, k, kappa = lg.parameters("m1 m2 k kappa")
-    springs = k * (x1**2 + x2**2) / 2 + kappa * (x2 - x1) ** 2 / 2
-    return lg.System(m1 * x1.dot**2 / 2 + m2 * x2.dot**2 / 2, springs)
-
-
-def disc() -> lg.System:
-    s, phi = lg.coordinates("s phi")
-    m, inertia, R, g = lg.parameters("m I R g")
-    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
-    return lg.System(kinetic, -m * g * s, constraints={"roll": s.dot - R * phi.dot})
-
-
-def yoyo() -> lg.System:
-    y, (m, inertia, R, g) = lg.coordinate("y"), lg.parameters("m I R g")
-    return lg.System((m + inertia / R**2) * y.dot**2 / 2, -m * g * y)
-
-
-RIGHT: list[tuple[Callable[[], lg.System], str]] = [
-    *(
-        (spun, f"J1 {w}1' = (J2 - J3) {w}2 {w}3\nJ2 {w}2' = (J3 - J1) {w}3 {w}1\nJ3 {w}3' = (J1 - J2) {w}1 {w}2")
-        for w in ("w", "omega_", "ω")
-    ),
-    (spun, "J1 wx' = (J2 - J3) wy wz\nJ2 wy' = (J3 - J1) wz wx\nJ3 wz' = (J1 - J2) wx wy"),
-    *((disc, f"m s'' = m g - {f}\nI phi'' = {f} R\ns = R phi") for f in ("f", "F", "F_R", "mu", "T")),
-    (disc, "m s'' = m g - f\nI phi'' = f R\nN = 0 is the force of the wall"),
-    (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 2 m1 m2 g/(m1 + m2)"),
-    (orbit, "d/dt m r^2 phi' = 0\n(M + m) r'' = m r phi'^2 - M g"),
-    (orbit, "m r^2 phi' = L = const.\n(M + m) r'' = L^2/(m r^3) - M g"),
-    (orbit, "m r^2 phi' = L\n(M + m) r'' = L^2/(m r^3) - M g"),
-    (oscillator, "x' = v\nm v' = -k x - c v + m g + F cos(w t)"),
-    (oscillator, "0,5 m x'' + 0,5 c x' + 0,5 k x = 0,5 m g + 0,5 F cos(w t)"),
-]
-"""Right answers: rates of bodies, forces of constraints and momenta by other letters, operators, decimal commas."""
-
-
-@pytest.mark.parametrize(("system", "text"), RIGHT)
-def test_letters_of_textbooks_are_read(system: Callable[[], lg.System], text: str) -> None:
-    result = system().compare(text)
-    assert result, result.message
-
-
-@pytest.mark.parametrize(
-    ("system", "text"),
-    [
-        (disc, "m s'' = m g - f\nI phi'' = f R\ns = 2 R phi"),
-        (disc, "m s'' = m g - f\nI phi'' = 2 f R\ns = R phi"),
-        (rolling, "m s'' = m g sin(alpha) - f\nI phi'' = f R\ns = R phi + 1"),
-        (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 3 m1 m2 g/(m1 + m2)"),
-        (orbit, "m r phi' = L\n(M + m) r'' = L^2/(m r) - M g"),
-        (oscillator, "x' = v\nm v' = -k x + c v + m g + F cos(w t)"),
-    ],
-)
-def test_a_letter_hides_no_error(system: Callable[[], lg.System], text: str) -> None:
-    assert not system().compare(text)
-
-
-def test_two_letters_for_one_force_are_unknown() -> None:
-    with pytest.raises(lg.StatementError, match=r"'F' is not a symbol of this system.* 'T' is not a symbol"):
-        strung().compare("m1 x'' = m1 g - F\nm2 y'' = m2 g - T")
-
-
-def test_the_letter_of_a_force_and_an_integrated_constraint_are_told() -> None:
-    message = disc().compare("m s'' = m g - f\nI phi'' = f R\ns = R phi").message
-    assert "Equation 3 is right up to a constant. f is read as the force of the constraint roll." in message
-
-
-def test_the_wrong_equality_of_a_chain_is_told() -> None:
-    pendulum = shared_scene("pendulum")
-    for answer in ("theta'' = -g sin theta/l = -g l sin theta", ["theta'' = -g sin theta/l = -g l sin theta"]):
-        result = pendulum.compare(answer)
-        assert result.message.startswith("In the second equality of equation 1, that of theta, on the right side")
-        assert result.wrong == (0,)
-
-
-def test_no_slip_repeats_the_factor_of_one_linear_term() -> None:
-    assert "All is right" not in oscillator().compare("m x'' + c x' + k x = m g + 2 F cos(w t)").message
 
 
 LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
