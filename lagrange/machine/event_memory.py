@@ -13,14 +13,25 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.constants import MOST_SURFACES
-from lagrange.algorithm.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
+from lagrange.algorithm.taylor.watching import (
+    COUNT,
+    MOST_ZEROS,
+    NEAR,
+    SETTINGS,
+    SIDES,
+    SIGN,
+    STARTING,
+    WATCH,
+    due_part,
+    scratch_sizes,
+)
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.state import MOST_LANES
 from lagrange.machine.step_events import Reaction
 from lagrange.program.series import SeriesProgram
 
 ROOM = 4096
-"""Number of events that are written before the loop returns."""
+"""Least number of events that are written before the loop returns; those of one step always have room."""
 
 
 def idle(program: SeriesProgram) -> EventMemory:
@@ -66,17 +77,18 @@ class EventMemory:
         self.count, self._dimension = surfaces + len(reactions), dimension
         self.values, self.resets, self.parameters = values, resets, np.empty(0) if parameters is None else parameters
         changing = surfaces > 0 or any(one.terminal or one.entries for one in reactions)
-        self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=ROOM, changed=-np.inf)
+        room = max(ROOM, MOST_ZEROS * self.count)
+        self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=room, changed=-np.inf)
         self.tilts = _tilts(dimension)
         self.sides = np.zeros(2 * SIDES * self.count, dtype=np.int64)
         self.settings = _settings((*[Reaction()] * surfaces, *reactions))
-        self.times = np.empty(ROOM)
-        self.states = np.empty(ROOM * dimension + MOST_LANES)
-        self.places = np.empty(ROOM, dtype=np.int64)
+        self.times = np.empty(room)
+        self.states = np.empty(room * dimension + MOST_LANES)
+        self.places = np.empty(room, dtype=np.int64)
         self.surfaces = surfaces
         few = surfaces <= MOST_SURFACES
         self.combinations = np.full(2**surfaces if few else 1, -1, dtype=np.int64)
-        self.switch_rows, self.switch_combinations = (np.empty(ROOM, dtype=np.int64) for _ in range(2))
+        self.switch_rows, self.switch_combinations = (np.empty(room, dtype=np.int64) for _ in range(2))
         reals, wholes = scratch_sizes(self.count, dimension)
         self.scratch, self.whole_scratch = np.empty(reals + MOST_LANES), np.empty(wholes, dtype=np.int64)
         self.keep_start()
@@ -146,10 +158,14 @@ class EventMemory:
         """Number of events so far, for each watched function."""
         return self._block(COUNT)
 
-    def keep(self) -> None:
-        """Copy the present sides and counts to the half that is restored if the next step is not proven."""
-        half = len(self.sides) // 2
-        self.sides[half:] = self.sides[:half]
+    @property
+    def due(self) -> list[tuple[int, int]]:
+        """The functions that vanish at the present state, of which one changes the motion: pairs of index, direction.
+
+        The index is that of a watched function, the direction 1, -1, or 0 where it touches zero.
+        """
+        places, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
+        return list(zip(places.tolist(), directions.tolist(), strict=True))
 
     @property
     def mark(self) -> tuple[int, float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.taylor.memory import BLOCK, SIZES, TaylorLayout
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, WATCH, scratch_sizes
+from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, WATCH, due_part, scratch_sizes
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -128,9 +128,15 @@ class Occurrences(FirstOccurrences):
             with p.when(record.ahead.equals(record.done)):
                 record.done = record.ahead = self.taken.value = 0
 
+    @property
+    def due(self) -> Whole:
+        """The index of the first function that vanishes at the end of the last step."""
+        place: Whole = self.whole_scratch[self.events.count * due_part(0)]
+        return place
+
     def ended(self, outcome: Whole, unproven: Whole, last: Flag) -> Flag:
-        """Return whether an event ends the run at the present state."""
-        due = ~self.record.due.equals(0) & unproven.equals(0)
+        """Return whether an event, and nothing else, ends the run at the present state."""
+        due = self.record.due.equals(1) & (self.due < self.events.events) & unproven.equals(0)
         stopped = outcome.equals(Outcome.DONE) | outcome.equals(Outcome.WATCHED)
         found: Flag = due & (stopped | (outcome.equals(Outcome.PAUSED) & last))
         return found

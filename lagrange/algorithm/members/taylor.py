@@ -105,7 +105,7 @@ class TaylorMembers(Members):
         occurrences.take(member)
         ended = occurrences.ended(outcome, self.before.unproven, last)
         with p.when(ended, likely=False):
-            occurrences.keep(member, occurrences.record.due - 1, self.run.t, self.work)
+            occurrences.keep(member, occurrences.due, self.run.t, self.work)
         found: Whole = p.choose(ended, ENDED_BY_EVENT, outcome)
         return found
 

@@ -176,34 +176,37 @@ def verified_step(
     sizes: Sizes,
     work: Out,
     order: int,
-) -> float:
+) -> tuple[float, int]:
     """Return a step at whose end the series of all watched functions agree with them, by halving a step.
 
-    At x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
+    The second result is the index of the first function that disagreed on the last step that was halved, or -1. At
+    x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
-    again, halvings = True, 0
+    again, halvings, limiting = True, 0, -1
     while again and halvings < MOST_HALVINGS:
         end = t + s * scale
         state_on_step(s, state, sizes, work, order)
         if function(end, state, numbers, there):
-            return s
-        again = some_disagrees(s, rtol, noise, None, there, work, order, layout)
-        if again:
+            return s, limiting
+        wrong = disagreeing(s, rtol, noise, None, there, work, order, layout)
+        if wrong >= 0:
             # Rounding of the state at the end may explain the difference.
             event_noise(function, numbers, tilts, end, layout.dimension, layout.watched, state, there, blur, moved)
-            again = some_disagrees(s, rtol, noise, blur, there, work, order, layout)
+            wrong = disagreeing(s, rtol, noise, blur, there, work, order, layout)
+        again = wrong >= 0
+        limiting = wrong if again else limiting
         s = s * 0.5 if again else s
         halvings += 1
-    return s
+    return s, limiting
 
 
 @inline
-def some_disagrees(
+def disagreeing(
     s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
-) -> bool:
-    """Return whether the sum of some series differs from its function `there`, at the end of a step."""
-    tolerance, wrong = larger(rtol, 2.0**-52), False
+) -> int:
+    """Return the first series whose sum at the end of a step differs from its function `there`, or -1."""
+    tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):
         total, most, power = 0.0, 0.0, 1.0
@@ -214,5 +217,5 @@ def some_disagrees(
         doubt = noise[i] if blur is None else noise[i] + blur[i]
         allowed = EVENT_SLACK * fma(tolerance, most, doubt)
         is_off = not abs(total - there[i]) <= allowed
-        wrong = wrong or is_off
+        wrong = i if is_off and wrong < 0 else wrong
     return wrong

@@ -177,6 +177,21 @@ def largest_term(c: In, count: int, s: float) -> float:
     return most
 
 
+ZERO_ROUND_OFF = 64 * 2.0**-52
+"""Value of a function, relative to the sum of its terms, below which it is zero together with another."""
+
+
+@procedure(apart=True)
+def vanishes(c: In, count: int, s: float, noise: float) -> bool:
+    """Return whether a series is zero at time s, up to its noise and the rounding of its terms."""
+    total, sizes, power = 0.0, 0.0, 1.0
+    for k in range(count):
+        term = c[k] * power
+        total, sizes = total + term, sizes + abs(term)
+        power *= s
+    return abs(total) <= fma(ZERO_ROUND_OFF, sizes, noise)
+
+
 @procedure
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
     """Return the sign with which a watched function leaves its value at a start, and the order that decides it.

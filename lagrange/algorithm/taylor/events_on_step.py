@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART
+from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART, MOST_FAILURES
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
@@ -22,6 +22,7 @@ from lagrange.algorithm.taylor.event_series import (
     reach,
     read_column,
     safe_step,
+    vanishes,
     write_noise,
 )
 from lagrange.algorithm.taylor.memory import RecordedLayout, TaylorState, layout_of, row
@@ -38,6 +39,7 @@ from lagrange.algorithm.taylor.watching import (
     SIGN,
     STARTING,
     TERM_SUMS,
+    Watch,
     Watched,
     counts_as_event,
     is_event,
@@ -163,6 +165,9 @@ def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool,
     return 0
 
 
+CLOSE_ROOTS = 8.0
+"""Distance of two zeros of one function, in units of simultaneous times, below which they are the same."""
+
 MOST_BALANCING = 200
 """Largest number of halvings of a step until the low powers of watched functions keep their digits."""
 
@@ -225,7 +230,7 @@ def inspect_step(step: Step, doubtful: In, taylor: TaylorState, watched: Watched
         return LEAVE, s
     change = first_change(zeros, count, math.inf, watched)
     if change < 0:
-        return accept(zeros, count, math.inf, step, taylor, watched, again=is_polynomial), length
+        return accept(zeros, count, math.inf, 0.0, 0, step, taylor, watched, again=is_polynomial), length
     return end_at_change(zeros, count, change, step, doubtful, taylor, watched)
 
 
@@ -236,7 +241,9 @@ def verified_length(step: Step, length: float, watched: Watched, layout: Any) ->
     functions = watched.values, own_numbers(watched), watched.tilts
     scratch = noise, there, blur, new_entries(watched, layout), moved_state(watched, layout)
     series = watched.sizes, watched.work, watched.order
-    return verified_step(*functions, step.t, step.scale, step.rtol, length, *scratch, *series)
+    verified, limiting = verified_step(*functions, step.t, step.scale, step.rtol, length, *scratch, *series)
+    watched.watch.limiting = limiting if verified < length else watched.watch.limiting
+    return verified
 
 
 @procedure(watched=watched_type)
@@ -245,35 +252,70 @@ def end_at_change(
 ) -> tuple[int, float]:
     """End the step at its first change; return a decision and the new length.
 
-    On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier. A
-    change at the start, and several at a time, are left to the caller.
+    On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier. The
+    functions that vanish at the end are due. At a change at the start no step is taken.
     """
-    layout, again, count, s = layout_of(watched.sizes), True, number, step.s
-    shorter = zeros_of(watched, 1, layout)
-    at, place, direction = zeros.times[change], zeros.places[change], zeros.directions[change]
-    close = simultaneous(step, at)
-    together = count_near(zeros, count, at, close)
-    while again:
-        if at <= 0.0 or together != 1:
-            return LEAVE, s
+    layout, watch, count, s = layout_of(watched.sizes), watched.watch, number, step.s
+    shorter, at, again = zeros_of(watched, 1, layout), zeros.times[change], True
+    due = add_due(zeros, count, at, simultaneous(step, at), 0, watched, proven=False)
+    while again and at > 0.0:
         count = zeros_on_step(at, s, shorter, doubtful, watched, last=False, until=False)
         if count < 0:
             return LEAVE, s
-        earlier = first_change(shorter, count, at - close, watched)
+        earlier = first_change(shorter, count, at - simultaneous(step, at), watched)
         again = earlier >= 0
         if again:
-            at, place, direction = shorter.times[earlier], shorter.places[earlier], shorter.directions[earlier]
-            close = simultaneous(step, at)
-            together = count_near(shorter, count, at, close)
-    for j in range(count):
-        if shorter.times[j] >= at - close and shorter.places[j] != place:
-            return LEAVE, s
-    if setting(watched, ROOT, place, layout) != 0:
+            at = shorter.times[earlier]
+            due = add_due(shorter, count, at, simultaneous(step, at), 0, watched, proven=False)
+    if at <= 0.0:
+        watch.due = due
         return LEAVE, s
-    answer = accept(shorter, count, at - close, step, taylor, watched, again=True)
+    close = simultaneous(step, at)
+    due = add_due(shorter, count, at, close, due, watched, proven=True)
+    answer = accept(shorter, count, at, close, due, step, taylor, watched, again=True)
     if answer == GO_ON:
-        watched.watch.due, watched.watch.direction = place + 1, direction
+        watch.due = due
+        places = whole_part(watched, "due", layout)
+        for j in range(due):
+            if setting(watched, ROOT, places[j], layout) != 0:
+                # Forces may have a kink there, with the rounded state on its other side: the test of the step would
+                # fail.
+                taylor.failures = MOST_FAILURES
     return answer, at
+
+
+@procedure(watched=watched_type)
+def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
+    """Add functions that vanish near the end `at` of a step to the first `due` ones, and return their number.
+
+    Unless the zeros are `proven`, a function with another time must be zero at the end, up to its noise and rounding.
+    """
+    layout = layout_of(watched.sizes)
+    places, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
+    rows, noises = row(watched.work, 0, layout)[layout.watched_at :], real_part(watched, "noise", layout)
+    number = due
+    for j in range(count):
+        place = zeros.places[j]
+        if abs(zeros.times[j] - at) <= close and not is_due(place, number, watched, layout):
+            is_zero = proven or zeros.times[j] == at
+            if not is_zero:
+                c = real_part(watched, "columns", layout)[place * COLUMN :]
+                counts = whole_part(watched, "counts", layout)[place:]
+                is_zero = read_column(rows[place:], layout.width, watched.order, c, counts)
+                is_zero = is_zero and vanishes(c, watched.order + 1, at, noises[place])
+            if is_zero:
+                places[number], directions[number] = place, zeros.directions[j]
+                number += 1
+    return number
+
+
+@inline
+def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
+    """Return whether a watched function is among the first `due` ones that vanish at the end of the step."""
+    places, is_there = whole_part(watched, "due", layout), False
+    for j in range(due):
+        is_there = is_there or places[j] == place
+    return is_there
 
 
 @inline
@@ -307,11 +349,11 @@ def trusted_part(step: Step, is_polynomial: bool, doubtful: In, watched: Watched
             if unlikely(not late <= fma(tolerance, early, noise)):
                 if not read_column(rows[i:], layout.width, order, c, counts[i:]):
                     return -1.0
-                length = smaller(length, reach(c, count, s, tolerance, noise))
+                length = limited_to(reach(c, count, s, tolerance, noise), length, i, watched.watch)
             if unlikely(hides_growth):
                 if not read_column(rows[i:], layout.width, order, c, counts[i:]):
                     return -1.0
-                length = smaller(length, safe_step(c, count))
+                length = limited_to(safe_step(c, count), length, i, watched.watch)
     if unlikely(is_polynomial):
         # A series that is balanced on a step is balanced on a shorter one.
         halvings = 0
@@ -326,6 +368,13 @@ def trusted_part(step: Step, is_polynomial: bool, doubtful: In, watched: Watched
                     halvings += int(not is_done)
                     length = length if is_done else length * 0.5
     return length
+
+
+@inline
+def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
+    """Return the smaller of two lengths; note which function has the series that reaches only this `far`."""
+    watch.limiting = which if far < length else watch.limiting
+    return smaller(length, far)
 
 
 @procedure(watched=watched_type)
@@ -380,22 +429,23 @@ def simultaneous(step: Step, at: float) -> float:
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
 
-@inline
-def count_near(zeros: Zeros, count: int, at: float, distance: float) -> int:
-    """Return the number of zeros within a distance of a time."""
-    number = 0
-    for j in range(count):
-        number += int(abs(zeros.times[j] - at) <= distance)
-    return number
-
-
 @procedure(watched=watched_type)
 def accept(
-    zeros: Zeros, count: int, before: float, step: Step, taylor: TaylorState, watched: Watched, again: bool
+    zeros: Zeros,
+    count: int,
+    end: float,
+    close: float,
+    due: int,
+    step: Step,
+    taylor: TaylorState,
+    watched: Watched,
+    again: bool,
 ) -> int:
-    """Write the events before a time on the step, and the sides at its end; save the sides before it.
+    """Write the events on the step before its `end`, and the sides there; save the sides before the step.
 
-    `again` forces an inspection of the next step. The result is a decision.
+    Events closer to the end than `close` are at the end. A function that is due there has no event just before it: the
+    longer and the shorter step locate one zero at slightly different times. `again` forces an inspection of the next
+    step. The result is a decision.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     if watch.done + count > watch.room:
@@ -416,7 +466,8 @@ def accept(
     for j in range(count):
         place, time = zeros.places[j], zeros.times[j]
         counts = is_event(watched, place) and counts_as_event(watched, place, zeros.directions[j], layout)
-        if counts and time < before:
+        distance = close * CLOSE_ROOTS if is_due(place, due, watched, layout) else close
+        if counts and time < end - distance:
             present[COUNT][place] += 1
             state = write_event(watched, slot, (step.t + step.low) + time * step.scale, place, layout)
             state_on_step(time, state, watched.sizes, watched.work, watched.order)

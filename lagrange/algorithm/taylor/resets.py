@@ -116,14 +116,14 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply the reset due at the state, if the motion then leaves zero at once, and return whether that was done.
+    """Apply the reset that alone is due at the state, if the motion then leaves zero at once.
 
-    If not, nothing has changed.
+    The result tells whether that was done. If not, nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
-    place = watch.due - 1
+    place = whole_part(watched, "due", layout)[0]
     number = side(watched, COUNT, layout)[place] + 1
     if watch.checked != 0 or setting(watched, RESET_SIZE, place, layout) == 0:
         return False
@@ -203,14 +203,15 @@ def cross_surface(
     taylor: TaylorState,
     watched: Watched,
 ) -> bool:
-    """Cross the surface due at the state, if the motion leaves to the other side at once and touches no other surface.
+    """Cross the surface that alone is due at the state, if the motion leaves it at once and touches no other surface.
 
     The result tells whether that was done. If not, nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
-    place, combination, direction = watch.due - 1, watch.combination, watch.direction
+    place, direction = [whole_part(watched, "due", layout, i)[0] for i in (0, 1)]
+    combination = watch.combination
     if combination < 0 or watch.switches >= watch.room:
         return False
     power = 1

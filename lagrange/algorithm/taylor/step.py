@@ -33,6 +33,7 @@ from lagrange.algorithm.taylor.watching import (
     numbers_of,
     restore_sides,
     watched_of,
+    whole_part,
 )
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import larger, nearest, reals, smaller, two_to, unlikely
@@ -161,9 +162,9 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
     if layout.observes:
         if unlikely(watch.due != 0):
             result = Outcome.WATCHED
-    elif unlikely(watch.due != 0 and watch.enabled != 0):
+    elif unlikely(watch.due == 1 and watch.enabled != 0):
         jet, rtol, counts, taylor, is_done = given.jet, given.run.rtol, given.counts, given.taylor, False
-        if is_event(watched, watch.due - 1):
+        if is_event(watched, whole_part(watched, "due", layout)[0]):
             prepared, constants = numbers_of(given, layout)
             is_done = reset_state(jet, prepared, constants, t, rtol, counts, taylor, given.times, given.rows, watched)
         else:
@@ -180,7 +181,7 @@ def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayo
     is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
     if unlikely(is_doubtful and taylor.next_limit == math.inf):
         outcome = Outcome.WATCHED
-        if watch.enabled != 0 and watch.due == 0 and watch.planned <= given.counts.steps:
+        if watch.enabled != 0 and watch.due == 0:
             answer, length = inspect_step(step, doubtful, taylor, watched)
             decided = Outcome.PAUSED if answer == WAIT else Outcome.WATCHED
             outcome = Outcome.DONE if answer == GO_ON else decided

@@ -36,7 +36,7 @@ class Watch:
     """State of the search for zeros. An index is that of a watched function."""
 
     enabled: int
-    """1 if steps are inspected here, 0 if the driver must return for each."""
+    """1 if steps are taken, 0 if the driver must return: the caller still has to change the motion."""
 
     fresh: int
     """1 at the start of a motion whose sides are not known."""
@@ -63,19 +63,16 @@ class Watch:
     """Number including those on the step that is not proven yet."""
 
     due: int
-    """1 + the index of the function that vanishes at the end of the last step and changes the motion, or 0."""
+    """Number of functions that vanish at the end of the last step, of which one changes the motion, or 0."""
 
-    direction: int
-    """The direction in which it passes through zero."""
+    limiting: int
+    """Index of the function whose series limits a step that is left to the caller."""
 
     jumps: int
     """Number of resets of the state."""
 
     checked: int
     """1 if the state after a reset must be checked, which the caller does."""
-
-    planned: int
-    """Number of accepted steps after which a step planned by the caller is proven."""
 
     unproven: int
     """1 if the sides before the step that is not proven are saved: the present ones are at its end."""
@@ -137,10 +134,11 @@ REALS = {
     "there": 1,
     "blur": 1,
 }
-WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2}
+WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2, "due": 2}
 """Scratch memory for each watched function: the number of entries of each part.
 
-Watched functions are written in whole blocks: the parts after `noise` and `there` are written later."""
+Watched functions are written in whole blocks: the parts after `noise` and `there` are written later. The part `due` has
+the indices of the functions that vanish at the end of the last step, and the directions in which they do."""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
@@ -213,6 +211,11 @@ def moved_state(watched: Watched, layout: Any) -> Any:
 def new_entries(watched: Watched, layout: Any) -> Any:
     """Return the memory for the results of all resets, or the state at the end of a step."""
     return moved_state(watched, layout)[layout.dimension + 2 * BLOCK :]
+
+
+def due_part(number: int) -> int:
+    """Return the number of wholes, for each watched function, before the indices (0) or directions (1) of `due`."""
+    return _begin(WHOLES, "due") + number
 
 
 def _begin(parts: dict[str, int], wanted: str) -> int:

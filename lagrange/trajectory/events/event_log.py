@@ -47,11 +47,6 @@ class Occurrences:
             self._parts.append((t, y, steps, mark))
             self._count += len(t)
 
-    def cut(self, count: int) -> None:
-        """Keep the first `count` occurrences; the others must have been added one by one."""
-        while self._count > count:
-            self._count -= len(self._parts.pop()[0])
-
     def until(self, steps: int) -> tuple[FloatArray, FloatArray]:
         """Return the times (k,) and states (k, 2n) of the occurrences that count after `steps` accepted steps."""
         parts = [part for part in self._parts if part[2] <= steps]
@@ -106,20 +101,12 @@ class EventLog:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
 
-    def first_change(
-        self, found: Iterable[EventZero], impacts: Sequence[Impact], surfaces: int = 0
-    ) -> EventZero | None:
-        """Return the first zero that changes the motion: a surface is crossed, an event ends the run or has a reset.
-
-        The first `surfaces` functions are surfaces, and the others are the events `impacts`.
-        """
+    def first_change(self, found: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
+        """Return the first zero that changes the motion: an event `impacts` there ends the run or resets the state."""
         seen = [len(times) for times in self.occurrences]
         for zero in found:
-            place = zero.which - surfaces
-            if place < 0:
-                if zero.root.rising:
-                    return zero
-            elif impacts[place].counts(zero.root.rising):
+            place = zero.which
+            if impacts[place].counts(zero.root.rising):
                 seen[place] += 1
                 if impacts[place].reset or 0 < impacts[place].terminal <= seen[place]:
                     return zero

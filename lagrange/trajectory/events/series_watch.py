@@ -1,23 +1,20 @@
 """The watch of a run by Taylor steps: events, and the surfaces on which the equations of motion switch.
 
-The driver returns before a step on which one of these functions may vanish. The roots of its polynomial on the step are
-isolated here. The step is then taken whole, or up to the first root that changes the motion: there the run ends, the
-state is reset, or the equations continue with the other side of a surface.
+The loop over steps finds the zeros of these functions, and ends a step at the first that changes the motion. It resets
+the state and crosses surfaces in regular cases. In the others it returns, and the change is made here: the run ends,
+the state is reset, or the equations continue with the other side of a surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from lagrange.algorithm.events.constants import TOGETHER
-from lagrange.algorithm.taylor.constants import MOST_FAILURES
-from lagrange.algorithm.taylor.event_series import comparable_unit, keeps_sign
+from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
-from lagrange.machine.printed_run import called
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (
@@ -31,7 +28,7 @@ from lagrange.trajectory.events.end_messages import (
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import sides_behind
-from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale, state_at
+from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale
 from lagrange.trajectory.events.surfaces import (
     SHARE,
     Continuations,
@@ -40,26 +37,10 @@ from lagrange.trajectory.events.surfaces import (
     settled_sides,
     stated_sides,
 )
-from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side, roots
+from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
-
-CLOSE_ROOTS = 8.0
-"""Distance of two zeros of one event, in units of simultaneous times, below which they are the same.
-
-Steps of two lengths locate the same zero at slightly different times.
-"""
-
-
-@dataclass(frozen=True)
-class PlannedStep:
-    """The number of the next step of a run, with the sides and the occurrences before it, in case it is taken back."""
-
-    steps: int = 0
-    zero_sides: tuple[Side, ...] = ()
-    starting: frozenset[int] = frozenset()
-    counts: tuple[int, ...] = ()
 
 
 class Watch(EventLog):
@@ -68,7 +49,6 @@ class Watch(EventLog):
     The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop
     over steps: that of a former run by the driver with the same parameters, or None. `zero_sides` are the sides before
     the next step, `starting` has the functions that are zero there, and `pending` the events at the present state.
-    `planned` is the state of these before the step that the watch has planned.
     """
 
     def __init__(
@@ -90,7 +70,6 @@ class Watch(EventLog):
         self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
         self.starting: frozenset[int] = frozenset()
         self.pending: list[EventZero] = []
-        self.planned = PlannedStep()
         self.change_counter = ChangeCounter()
         self.parameters, self.sides = parameters, np.zeros(self.surfaces)
         self.epochs: list[tuple[int, FloatArray]] = []
@@ -113,7 +92,7 @@ class Watch(EventLog):
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin a run or a new motion: without surfaces the loop finds the sides, else this method."""
-        first, self.state, self.planned = self.state is None, state, PlannedStep()
+        first, self.state = self.state is None, state
         if not self.surfaces:
             self.leave_start_to_the_loop(state, first=first)
             return EventResult()
@@ -121,63 +100,40 @@ class Watch(EventLog):
 
     def _begin(self, state: DriverState) -> EventResult:
         """Find the sides of surfaces and events at the start of a motion."""
-        self.planned = PlannedStep()
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.impacts_at_once(state, ())
-        self.write(state)
+        self.write()
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Set the length of the step that the driver proposes, or apply the pending events at its start."""
+        """Change the motion where the loop leaves that to the watch, or return why no step leads on."""
         self.read(state)
         try:
-            return self._process(state)
+            if self.unbegun:
+                return self._begin(state)
+            return self._finish(state) if self.pending else self._step_refused(state)
         finally:
-            self.write(state)
+            self.write()
 
-    def _process(self, state: DriverState) -> EventResult:
-        if self.unbegun:
-            return self._begin(state)
-        if state.count(S.STEPS) < self.planned.steps:
-            self.forget()
-        if self.pending:
-            return self._finish(state)
+    def _step_refused(self, state: DriverState) -> EventResult:
+        """Return the end of the run at a state from which the series of a watched function leads nowhere."""
         look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
             # On a surface rounding may leave the state where a branch that begins there has no value.
             return replace(result, smooth=result.smooth or self._switches(look, 0.0))
-        h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.taylor.low)
-        s, limiting = look.trusted(h / look.scale, hides_growth=self.hides_growth)
-        if self.steep:
-            s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
-        whole = s == h / look.scale
-        if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
-            name, value = self.names()[limiting], float(look.watched[0, limiting])
-            smooth = limiting < self.surfaces
-            return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
-        for which in look.jumps(s, self.zero_sides):
-            self.zero_sides[which] = Side(int(np.sign(look.watched[0, which])))
-        found, after = self._roots(look, s, last=whole and h == left)
-        cut = self.first_change(found, self.impacts, self.surfaces)
-        if cut is not None:
-            return self._shorten(cut.root.time, found, look, state)
-        self.remember(state)
-        self._record(found, look, state)
-        self.zero_sides, self.starting = after, frozenset()
-        state.taylor.next_limit = abs(h if whole else s * look.scale)
-        state.taylor.inspect = int(
-            self.steep or self.hides_growth or look.ends or not all(side.settled for side in after)
-        )
-        return EventResult()
+        limiting = int(self.memory.record.limiting)
+        name, value = self.names()[limiting], float(look.watched[0, limiting])
+        smooth = limiting < self.surfaces
+        return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
 
     def end(self, state: DriverState) -> EventResult:
         """Apply the pending events at the end of the run, and return its result."""
         self.read_events(state)
         if not self.is_pending:
             return EventResult(Status.SUCCESS)
-        self.read_sides(state)
+        self.read_sides()
         result = self._finish(state)
         ended = result.status in (Status.EVENT, Status.NON_FINITE, Status.DIVERGED) and not result.smooth
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
@@ -185,7 +141,7 @@ class Watch(EventLog):
     def is_due(self, state: DriverState) -> bool:
         """Return True if an event is pending at the state, even if no series begins there."""
         self.read(state)
-        return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
+        return bool(self.pending)
 
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Leap over a point without a series; return the result after the leap or at a root, or None without a leap."""
@@ -224,60 +180,6 @@ class Watch(EventLog):
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
         return None
-
-    def _roots(self, look: EventSeries, s: float, *, last: bool) -> tuple[list[EventZero], list[Side]]:
-        """Return the roots of all surfaces and events on a step, in order, and the sides at its end."""
-        found: list[EventZero] = []
-        after, is_clear = [], called(keeps_sign.form())
-        for which, before in enumerate(self.zero_sides):
-            g, noise = look.watched[:, which], float(look.noise[which])
-            zeros, side = list[Root](), before
-            if which in self.starting:
-                # A function that starts at zero is divided by time: this removes the known root.
-                zeros, side = roots(g[1:], s, before, last=last)
-            elif not (before.settled and is_clear(g, len(g), s, noise, float(before.sign))):
-                zeros, side = roots(g, s, before, noise=noise, last=last)
-            found += [EventZero(which, root) for root in zeros]
-            after.append(side)
-        return sorted(found, key=lambda m: m.root.time), after
-
-    def _shorten(self, s: float, found: list[EventZero], look: EventSeries, state: DriverState) -> EventResult:
-        """End the step at the root at s, whose events are pending until the driver returns there."""
-        while True:
-            close = TOGETHER * max(abs(state.t / look.scale), s)
-            here = (m for m in found if abs(m.root.time - s) <= close)
-            pending = self.pending = [m for m in here if m.root.time == s or look.is_zero_at(m.which, s)]
-            if s == 0:
-                return self._finish(state)
-            # The shorter step has better resolved roots, which replace the others; one may change the motion before s.
-            found, after = self._roots(look, s, last=False)
-            first = self.first_change((m for m in found if m.root.time < s - close), self.impacts, self.surfaces)
-            if first is None:
-                break
-            s = first.root.time
-        waiting = {m.which for m in pending}
-        late = [m for m in found if m.root.time >= s - close]
-        self.remember(state)
-        self.pending = pending + [m for m in late if m.which not in waiting]
-        if any(self.is_root(m.which) for m in self.pending):
-            # Forces may have a kink there, with the rounded state on its other side: the test of the step would fail.
-            state.taylor.failures = MOST_FAILURES
-        # An event at the end does not count a second time just before it.
-        until = dict.fromkeys(waiting, s - CLOSE_ROOTS * close)
-        self._record((m for m in found if m.root.time < until.get(m.which, s - close)), look, state)
-        self.zero_sides, self.starting = after, frozenset()
-        state.taylor.next_limit = s * abs(look.scale)
-        state.taylor.inspect = 1
-        return EventResult()
-
-    def _record(self, found: Iterable[EventZero], look: EventSeries, state: DriverState) -> None:
-        """Record the events among some roots on the next step."""
-        for meeting in found:
-            place = meeting.which - self.surfaces
-            if place >= 0 and self.impacts[place].counts(meeting.root.rising):
-                t = float(state.t + state.taylor.low + meeting.root.time * look.scale)
-                y = state_at(state.y, look.rows, meeting.root.time)
-                self.occurrences[place].append(t, y, state.count(S.STEPS) + 1)
 
     def _finish(self, state: DriverState) -> EventResult:
         """Apply the pending zeros: cross surfaces, record events, reset the state or end the run."""
@@ -475,22 +377,10 @@ class Watch(EventLog):
         """Return True if function `which` is a square root in the equations of motion."""
         return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
-    def remember(self, state: DriverState) -> None:
-        """Save sides and counts before a step, since the driver may reject it."""
-        counts = tuple(map(len, self.occurrences))
-        self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.zero_sides), self.starting, counts)
-
-    def forget(self) -> None:
-        """Restore sides and counts after the driver rejected the planned step."""
-        self.pending, self.zero_sides, self.starting = [], list(self.planned.zero_sides), self.planned.starting
-        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
-            found.cut(count)
-        self.planned = PlannedStep()
-
     def read(self, state: DriverState) -> None:
         """Read events, sides and pending events from the loop."""
         self.read_events(state)
-        self.read_sides(state)
+        self.read_sides()
 
     def read_events(self, state: DriverState) -> None:
         """Read the occurrences of events, and the crossings of surfaces, from the loop."""
@@ -515,30 +405,26 @@ class Watch(EventLog):
         """True if an event is pending at the present state."""
         return bool(self.pending) or self.memory.record.due != 0
 
-    def read_sides(self, state: DriverState) -> None:
+    def read_sides(self) -> None:
         """Read the sides and the pending event from the loop."""
         memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
         if record.due:
-            self.pending = [EventZero(record.due - 1, Root(0.0, record.direction))]
-            self.planned = PlannedStep(state.count(DriverState.STEPS))
+            self.pending = [EventZero(which, Root(0.0, direction)) for which, direction in memory.due]
             record.due = 0
         if record.changed != self.change_counter.last:
             self.change_counter.begin(record.changed, record.changed_at)
 
-    def write(self, state: DriverState) -> None:
+    def write(self) -> None:
         """Write the sides for the loop, which is disabled while an event is pending."""
-        memory, record, planned = self.memory, self.memory.record, self.planned
-        record.unproven = int(planned.steps > state.count(DriverState.STEPS))
-        if record.unproven:
-            self._put(planned.zero_sides, planned.starting)
-            memory.keep()
-        self._put(self.zero_sides, self.starting)
-        record.fresh = 0
-        record.planned, record.changed = planned.steps, self.change_counter.last
-        record.enabled = int(not self.pending)
+        memory, record = self.memory, self.memory.record
+        memory.signs[:] = [side.sign for side in self.zero_sides]
+        memory.nears[:] = [side.near for side in self.zero_sides]
+        memory.starting[:] = [place in self.starting for place in range(memory.count)]
+        memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]
+        record.fresh, record.changed, record.enabled = 0, self.change_counter.last, int(not self.pending)
 
     @property
     def unbegun(self) -> bool:
@@ -550,12 +436,5 @@ class Watch(EventLog):
         if first:
             self.epochs.append((0, self.values))
         else:
-            self.write(state)
+            self.write()
         self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
-
-    def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:
-        memory = self.memory
-        memory.signs[:] = [side.sign for side in zero_sides]
-        memory.nears[:] = [side.near for side in zero_sides]
-        memory.starting[:] = [place in starting for place in range(memory.count)]
-        memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]
