@@ -227,6 +227,24 @@ def test_the_loop_crosses_surfaces_by_itself(monkeypatch: pytest.MonkeyPatch) ->
     assert found.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-11)
 
 
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_two_walls_of_a_corner_act_at_once(target: str) -> None:
+    free = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x.dot: 1.0, y.dot: 1.0})
+    walls = [event(one - 1, direction=1, reset={one.dot: -one.dot}) for one in (x, y)]
+    found = run(free, 3.0, "taylor", events=walls)
+    assert [times.tolist() for times in found.t_events] == [[1.0], [1.0]]
+    assert found.y[:, -1].tolist() == [-1.0, -1.0, -1.0, -1.0]
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_the_message_names_the_function_whose_series_ends(place: int) -> None:
+    free = build(kinetic=x.dot**2 / 2, coordinates=[x], initial={x.dot: 1.0})
+    others = [event(x - 5), event(x - 6)]
+    found = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
+    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, rel=1e-12)
+    assert "1/(x - 1), which is watched" in found.message
+
+
 def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
     """A section and a wall that throws back: Python is called where the run begins and ends."""
     calls = counted(monkeypatch)
