@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART, MOST_FAILURES
+from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
@@ -34,7 +34,6 @@ from lagrange.algorithm.taylor.watching import (
     MOST_ZEROS,
     NEAR,
     RESET_SIZE,
-    ROOT,
     SIDES,
     SIGN,
     STARTING,
@@ -273,14 +272,7 @@ def end_at_change(
     close = simultaneous(step, at)
     due = add_due(shorter, count, at, close, due, watched, proven=True)
     answer = accept(shorter, count, at, close, due, step, taylor, watched, again=True)
-    if answer == GO_ON:
-        watch.due = due
-        places = whole_part(watched, "due", layout)
-        for j in range(due):
-            if setting(watched, ROOT, places[j], layout) != 0:
-                # Forces may have a kink there, with the rounded state on its other side: the test of the step would
-                # fail.
-                taylor.failures = MOST_FAILURES
+    watch.due = due if answer == GO_ON else 0
     return answer, at
 
 
