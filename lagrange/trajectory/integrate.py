@@ -55,8 +55,7 @@ def integrate(
     """
     if not isinstance(model, Model):
         raise StatementError(f"{shown(model)} is not a compiled model: give system.compile(), or call system.run().")
-    t0, t1 = time_span(span)
-    statement = model.statement
+    (t0, t1), statement = time_span(span), model.statement
     require_values(statement)
     check_span(statement, t0, t1)
     values = model.parameter_values(options.parameters)
