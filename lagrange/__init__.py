@@ -2,7 +2,8 @@
 
 State a system: `coordinate`, `parameters`, `given`, `table`, `event`, `multiplier`, `t`, the energies `kinetic_energy`,
 `rotational_energy`, `gravity` and `spring`, `contact` with `gap` and `impact_speed`,
-`contacts_between`, `along`, `rotation` with `turn`, `x`, `y` and `z`, and `System`; or `scene`, one of `scenes()`.
+`contacts_between`, `along`, `rotation` with `turn`, `x`, `y`, `z` and `shape`, and `System`; or `scene`, one of
+`scenes()`.
 Run it: `system.run()`, or `integrate` and `flow` with a compiled `Model`; `load` reads a run from a file.
 Run many: `ensemble`, with `grid` or `sample`.
 See dynamics: `phase_portrait`, `poincare`, `bifurcation`.

@@ -81,7 +81,7 @@ class System:
         -dD/dv. `constraints` are expressions that stay zero, or Eq, in a list or by name, holonomic without velocities.
         With `redundant="allow"` some may follow from others; they share their forces. `parameters` maps symbols or
         names to default values. `initial` maps coordinates and velocities to numbers, 0 by default. `positions` names
-        points (x, y) or (x, y, z) to draw. `links` are pairs of these names, or triples such as ("origin", "bob",
+        points (x, y) or (x, y, z) and shapes to draw. `links` are pairs of these names, or triples, ("origin", "bob",
         "spring"). `surfaces` names lines to draw, such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
         names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one instant, newton or sequence.

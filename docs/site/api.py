@@ -20,7 +20,7 @@ FUNCTIONS = {
         "The symbols of a statement, and energies of common parts.",
         ("coordinate", "coordinates", "parameters", "t", "given", "table", "multiplier", "event"),
         ("kinetic_energy", "rotational_energy", "gravity", "spring"),
-        ("rotation", "turn", "x", "y", "z"),
+        ("rotation", "turn", "x", "y", "z", "shape"),
         ("along", "contact", "contacts_between", "gap", "impact_speed"),
         ("scene", "scenes"),
     ),

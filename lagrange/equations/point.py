@@ -10,6 +10,7 @@ from sympy import Add, Mul, Rational, S
 
 from lagrange.equations.terms import Monomial, MonomialSum, common_factor
 from lagrange.equations.textbook_algebra import TextbookAlgebra
+from lagrange.statement.statement import corners
 
 HALF = Rational(1, 2)
 
@@ -36,7 +37,10 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
     points, plain = [], True
+    hidden = corners(page.statement.links)
     for name, position in page.statement.positions.items():
+        if name in hidden:
+            continue
         rates = [page.at_constant_velocities(page.read(entry)) for entry in position]
         squares = (page.algebra.multiply(rate, rate) for rate in rates)
         squared = page.algebra.merge_angles(page.algebra.add({}, *squares))

@@ -14,7 +14,7 @@ from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, corners
 from lagrange.trajectory.measures.points import fixed_points
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
@@ -68,6 +68,7 @@ def _points(statement: Statement) -> dict[str, Any]:
     Points along surfaces follow the named ones, `drawn` in all: each of `surfaces` has the index of its first point,
     and the number of its points.
     `colours` has the index of the colour of each point, null for fixed points; `size` is the factor of their size.
+    `corners` are true for points that are not drawn.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
@@ -81,6 +82,7 @@ def _points(statement: Statement) -> dict[str, Any]:
     return {
         "points": names,
         "colours": [numbers.get(name) for name in names],
+        "corners": [name in corners(statement.links) for name in names],
         "size": point_look(len(moving))[1],
         "dimension": dimension,
         "links": links,
@@ -90,9 +92,9 @@ def _points(statement: Statement) -> dict[str, Any]:
 
 
 def moving_points(statement: Statement) -> list[str]:
-    """Return the names of the points that are not fixed; each has a colour."""
-    fixed = fixed_points(statement)
-    return [name for name in statement.positions if not fixed[name]]
+    """Return the names of the points that are neither fixed nor corners of shapes; each has a colour."""
+    fixed, hidden = fixed_points(statement), corners(statement.links)
+    return [name for name in statement.positions if not fixed[name] and name not in hidden]
 
 
 def rate_of(t_end: float) -> float:

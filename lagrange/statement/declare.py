@@ -47,7 +47,8 @@ from lagrange.statement.rotation import (
     without_inertia,
 )
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
+from lagrange.statement.shape import Shape
+from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME
 
@@ -381,15 +382,24 @@ def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
 
 def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
     """Return the fields of `Statement` on what pictures draw."""
-    points = _positions(positions, survey)
+    points, edges = _positions(positions, survey)
     lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
-    return {"links": _links(links, points), **views}
+    return {"links": (*edges, *_links(links, points)), **views}
 
 
-def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
-    points: dict[str, tuple[Any, ...]] = {}
+def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
+    """Return points by name, and the edges of shapes, whose corners are points with a number after the name."""
+    points, table = dict[str, tuple[Any, ...]](), dict[str, Any]()
+    edges: list[Link] = []
     for label, point in table_of(given, "positions", "name to point").items():
+        if isinstance(point, Shape):
+            names = [f"{label}_{k}" for k in range(1, len(point.corners) + 1)]
+            table |= dict(zip(names, point.corners, strict=True))
+            edges += [Link(names[a], names[b], EDGE) for a, b in point.edges]
+        else:
+            table[label] = point
+    for label, point in table.items():
         what = f"the position of {check_name(label, 'point')}"
         if label == ORIGIN:
             raise StatementError("'origin' is the point at zero already: choose another name.")
@@ -403,7 +413,7 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
             "positions mixes points in the plane with points in space: give every point two entries, or every point "
             "three."
         )
-    return points
+    return points, tuple(edges)
 
 
 def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import inf
@@ -19,19 +19,25 @@ from lagrange.statement.rotation import shorter
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 
-ROD, SPRING = "rod", "spring"
-KINDS = (ROD, SPRING)
+ROD, SPRING, EDGE = "rod", "spring", "edge"
+KINDS = (ROD, SPRING, EDGE)
 
 CHORDS = 64
 """Straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius."""
 
 
 class Link(NamedTuple):
-    """A line from one named point to another, drawn as a rod or as a spring. It exerts no force."""
+    """A line from one named point to another, drawn as a rod, a spring, or an edge of a body. It exerts no force."""
 
     start: str
     end: str
     kind: str = ROD
+
+
+def corners(links: Sequence[Link]) -> frozenset[str]:
+    """Return the names of points where only edges end: pictures show neither a mark nor a path of these."""
+    edges = {name for link in links if link.kind == EDGE for name in link[:2]}
+    return frozenset(edges.difference(*(link[:2] for link in links if link.kind != EDGE)))
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,9 @@ class Player {
 
     /** Describe the pictures in words, for screen readers. */
     describe() {
-        const { name, points, dimension } = this.data;
-        const what = dimension ? `the points ${points.join(", ")}` : "the coordinates over time";
+        const { name, points, corners, dimension } = this.data;
+        const named = points.filter((_, point) => !corners[point]);
+        const what = dimension ? (named.length ? `the points ${named.join(", ")}` : "bodies") : "the coordinates over time";
         const say = (id, text) => document.getElementById(id).setAttribute("aria-label", text);
         say("picture", `Moving picture of ${name}: ${what}`);
         say("time-plot", `Plot over time of ${name}`);

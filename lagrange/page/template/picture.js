@@ -161,6 +161,9 @@ class Picture {
         });
         context.globalAlpha = 0.35;
         for (let at = 0; at < 3 * this.data.points.length; at += 3) {
+            if (this.data.corners[at / 3]) {
+                continue;
+            }
             const [x, y] = pixel([places[at], places[at + 1], room[2][0]]);
             context.beginPath();
             context.ellipse(x, y, 6, Math.max(1, 6 * Math.abs(Math.sin(view.elevation))), 0, 0, 2 * Math.PI);
@@ -181,7 +184,7 @@ class Picture {
         const first = Math.ceil((last + 1 - length) / stride) * stride;
         context.lineWidth = 1.6;
         this.data.points.forEach((_, point) => {
-            if (this.fixed(point)) {
+            if (this.fixed(point) || this.data.corners[point]) {
                 return;
             }
             context.strokeStyle = look.colours[this.data.colours[point]];
@@ -223,7 +226,7 @@ class Picture {
             const [from, to] = [end(a), end(b)];
             context.strokeStyle = this.look.ink;
             context.globalAlpha = 0.75;
-            context.lineWidth = kind === "spring" ? Math.max(1.5, size / 280) : Math.max(2.5, size / 150);
+            context.lineWidth = kind === "rod" ? Math.max(2.5, size / 150) : Math.max(1.5, size / 280);
             context.beginPath();
             context.moveTo(...from);
             if (kind === "spring") {
@@ -246,6 +249,9 @@ class Picture {
             context.fillRect(x - half, y - half, 2 * half, 2 * half);
         }
         this.data.points.forEach((_, point) => {
+            if (this.data.corners[point]) {
+                return;
+            }
             const [x, y] = end(point);
             context.fillStyle = this.fixed(point) ? look.ink : look.colours[this.data.colours[point]];
             context.strokeStyle = look.paper;

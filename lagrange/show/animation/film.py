@@ -24,7 +24,7 @@ from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.number import real_number, whole_number
-from lagrange.statement.statement import SPRING
+from lagrange.statement.statement import EDGE, SPRING, corners
 from lagrange.trajectory.measures.points import fixed_points
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -302,11 +302,11 @@ class MovingScene:
         self.view = view_of(points)
         self.names = [*points]
         self.seen = np.stack([self.view.of(point) for point in points.values()])
-        fixed = fixed_points(statement)
+        fixed, hidden = fixed_points(statement), corners(statement.links)
         self.surfaces = [[self.names.index(name) for name in line] for line in statement.outlines.values()]
-        unmarked = set().union(*self.surfaces)
-        self.fixed = [k for k, name in enumerate(self.names) if fixed[name] and k not in unmarked]
-        self.moving = [k for k, name in enumerate(self.names) if not fixed[name]]
+        hidden = hidden.union(*statement.outlines.values())
+        self.fixed = [k for k, name in enumerate(self.names) if fixed[name] and name not in hidden]
+        self.moving = [k for k, name in enumerate(self.names) if not fixed[name] and name not in hidden]
         self.colours, self.part = point_look(len(self.moving), style.colours)
         self.named = 1 < len(self.moving) <= MOST_NAMED
         self.box = self.shadows = None
@@ -380,7 +380,7 @@ class MovingScene:
             if kind == SPRING:
                 pen.line(spring(place[start], place[end], self.spring_width), style.quiet, 1.4)
             else:
-                pen.line(np.array([place[start], place[end]]).T, style.quiet, 2.4)
+                pen.line(np.array([place[start], place[end]]).T, style.quiet, 1.2 if kind == EDGE else 2.4)
         pen.marks(now[self.fixed].T, style.ink, 8.5, "s")
         if self.named:
             for point, colour in zip(self.moving, self.colours, strict=True):

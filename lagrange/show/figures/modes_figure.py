@@ -19,7 +19,7 @@ from lagrange.show.figures.style import FigureStyle, colours, dress, mixed, on_p
 from lagrange.show.notation.symbols import letters
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.number import real_number
-from lagrange.statement.statement import SPRING
+from lagrange.statement.statement import SPRING, corners
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -136,6 +136,8 @@ def _shape(
             line = spring(*ends, 0.05 * extent) if kind == SPRING else np.array(ends).T
             axis.plot(*line, color=colour, linewidth=width, zorder=1 if colour == look.grid else 2)
     for name, point in points.items():
+        if name in corners(shapes.statement.links):
+            continue
         if name == ORIGIN:
             axis.plot(*point, "s", color=look.ink, markersize=4, zorder=3)
             continue

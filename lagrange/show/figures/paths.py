@@ -37,7 +37,7 @@ from lagrange.show.figures.style import (
 from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.statement import SPRING, Link
+from lagrange.statement.statement import EDGE, SPRING, Link, corners
 from lagrange.trajectory.measures.points import fixed_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
@@ -354,7 +354,8 @@ class PathPanel:
 
     def _shades(self, run: Paths, place: int, style: FigureStyle) -> dict[str, str]:
         """Return the colour of each moving point: its own, or that of the run if only one point moves."""
-        moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed]
+        hidden = corners(run.links)
+        moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:
             return {moving[0]: colours(len(self.solutions), style.colours)[place]}
         return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
@@ -391,6 +392,8 @@ class PathPanel:
 
 
 def _title(paths: Paths, shape: str) -> str:
+    if corners(paths.links).issuperset(n for n, fixed in zip(paths.names, paths.fixed, strict=True) if not fixed):
+        return f"at t = {paths.times[-1]:.4g}"
     begun = f"from t = {paths.times[0]:.4g}"
     begun = (f"\n{begun}" if shape == "column" else f" {begun} on") * paths.late
     scale = "" if paths.to_scale or paths.view.spatial else ", not to scale"
@@ -410,15 +413,15 @@ def _draw_run(
     for start, end, kind in paths.links:
         ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
         line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
-        axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
+        axis.plot(*line, color=style.quiet, linewidth=0.9 if kind == EDGE else 1.6, zorder=3)
     for surface in paths.surfaces:
         axis.plot(*np.array([paths.of(name)[:, -1] for name in surface]).T, color=style.ink, linewidth=2.4, zorder=2.5)
-    unmarked = set().union(*paths.surfaces)
+    hidden = corners(paths.links).union(*paths.surfaces)
     shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
     kind = LINES[place % len(LINES)] if shared else "-"
     part = point_look(len(shades))[1]
     for k, name in enumerate(paths.names):
-        if name in unmarked:
+        if name in hidden:
             continue
         if paths.fixed[k]:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"

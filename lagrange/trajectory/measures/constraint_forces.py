@@ -15,6 +15,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.statement.number import ByName, one_of
+from lagrange.statement.statement import corners
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_POINTS = 3
@@ -77,7 +78,7 @@ class ConstraintForces:
     def on_point(self, name: str, point: str) -> FloatArray:
         """Return the force of one constraint on a stated point, a vector (2, N) or (3, N); see `Solution`."""
         rows = self._gradient(name)
-        points = self.model.statement.positions
+        points = self._points
         if not points:
             raise StatementError(
                 f"{self.model.statement.name} has no named points: state positions={{'bob': (x, y)}}, or take the "
@@ -105,11 +106,18 @@ class ConstraintForces:
         return found
 
     @cached_property
+    def _points(self) -> dict[str, tuple[Any, ...]]:
+        """The named points on which forces act: all but corners of shapes."""
+        statement = self.model.statement
+        hidden = corners(statement.links)
+        return {name: point for name, point in statement.positions.items() if name not in hidden}
+
+    @cached_property
     def _slopes(self) -> dict[str, FloatArray]:
         """The derivatives dr/dq of each named point, (2 or 3, n, N)."""
         equations = self.model.equations
         found: dict[str, FloatArray] = {}
-        for label, point in self.model.statement.positions.items():
+        for label, point in self._points.items():
             nodes = [equations.translate(entry) for entry in point]
             columns = [tangents(nodes, {symbol: equations.graph.one}) for symbol in equations.q]
             kernel = self.model.function("slopes", tuple(column(node) for node in nodes for column in columns))

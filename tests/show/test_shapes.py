@@ -1,0 +1,87 @@
+"""Bodies that are drawn: corners turn with the rotation, edges join them, and no picture marks a corner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import diag
+
+import lagrange as lg
+from lagrange.statement.statement import EDGE, corners
+from lagrange.trajectory.measures.points import points_at
+
+R = lg.rotation("R")
+x, y, z = lg.coordinates("x y z")
+
+
+def thrown(**positions: Any) -> lg.System:
+    kinetic = R.body.dot(diag(1, 2, 2.5) * R.body) / 2 + lg.kinetic_energy(1, (x, y, z))
+    return lg.System(kinetic, z, initial={R.body: (1, 3, 2), x.dot: 1}, positions=positions, name="thrown")
+
+
+def test_corners_of_a_box_turn_about_its_place() -> None:
+    system = thrown(box=lg.shape("box", R, (4, 2, 1), at=(x, y, z)))
+    run = system.run(1.0)
+    found = points_at(run.model, run.t, run.y, run.parameters_at(run.t))
+    corner = np.array(lg.shape("box", None, (4, 2, 1)).corners, dtype=float)
+    assert {*map(tuple, corner.tolist())} == {(i, j, k) for i in (-2, 2) for j in (-1, 1) for k in (-0.5, 0.5)}
+    centre = np.array([run[q] for q in (x, y, z)])
+    expected = np.einsum("nij,cj->cin", run[R], corner) + centre
+    assert np.abs(np.array([*found.values()]) - expected).max() < 1e-14
+    links = system.statement.links
+    sizes = [np.linalg.norm(found[a] - found[b], axis=0) for a, b, _ in links]
+    assert sorted(np.round(size[-1], 9) for size in sizes) == [1] * 4 + [2] * 4 + [4] * 4
+
+
+@pytest.mark.parametrize(("kind", "size", "count"), [("ellipsoid", (3, 2, 1), 48), ("disc", 2, 18), ("axes", 2, 3)])
+def test_outlines_lie_on_their_surface(kind: str, size: Any, count: int) -> None:
+    made = lg.shape(kind, None, size)
+    places = np.array(made.corners, dtype=float)
+    sizes = np.array(size) * np.ones(3)
+    assert len(made.edges) == count
+    on = np.linalg.norm(places / sizes, axis=1)
+    assert np.all((np.abs(on - 1) < 1e-5) | (on == 0))
+    assert (kind == "disc") == bool((places[:, 2] == 0).all())
+
+
+def test_corners_have_neither_a_mark_nor_a_path() -> None:
+    system = thrown(box=lg.shape("box", R, 1, at=(x, y, z)), centre=(x, y, z))
+    hidden = corners(system.statement.links)
+    assert len(hidden) == 8 and "centre" not in hidden
+    axis = system.run(1.0).plot("path").axes[0]
+    marks = [line for line in axis.lines if line.get_marker() == "o"]
+    assert len(marks) == 2  # the start and the end of the centre
+
+
+def test_a_picture_of_a_body_alone_has_its_time_as_title() -> None:
+    figure = thrown(box=lg.shape("box", R, 1)).run(1.0).plot("path")
+    assert figure.axes[0].get_title(loc="left") == "at t = 1"
+
+
+def test_a_page_and_a_scene_have_the_edges(tmp_path: Path) -> None:
+    system = thrown(disc=lg.shape("disc", R, 1, at=(x, y, z)), centre=(x, y, z))
+    system.to_scene(tmp_path / "body.toml")
+    again = lg.System.from_scene(tmp_path / "body.toml").statement
+    assert again.links == system.statement.links and {link.kind for link in again.links} == {EDGE}
+    assert list(again.positions) == list(system.statement.positions)
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "a kind": (lambda: lg.shape("cube", R, 1), "the shape 'cube' is not known: give one of box, ellipsoid, disc"),
+    "no rotation": (lambda: lg.shape("box", R.T, 1), "the rotation of a shape is .*: give a rotation R, or None"),
+    "two sides": (lambda: lg.shape("box", R, (1, 2)), r"the size of a shape is \(1, 2\): give three values, or one"),
+    "a place in the plane": (lambda: lg.shape("box", R, 1, at=(x, y)), "the place of a shape is .*: give three values"),
+    "a text": (lambda: lg.shape("box", R, "1"), "the size of a shape is the text '1'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_a_shape_is_refused(case: str) -> None:
+    attempt, sentence = REFUSED[case]
+    with pytest.raises(lg.StatementError, match=sentence) as refusal:
+        attempt()
+    assert len(str(refusal.value)) <= 400
