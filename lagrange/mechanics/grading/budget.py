@@ -13,8 +13,12 @@ import sympy
 
 from lagrange.mechanics.grading.term_difference import LARGEST_POWER
 
-SECONDS = 0.8
-"""Processor time of the search for a wrong term and for slips: most take 0.1 s, and a chain of eight links 2 s."""
+SECONDS = 1.2
+"""Processor time of a comparison after which no wrong term or slip is searched.
+
+Most searches take 0.1 s, and that in a chain of eight links 2 s.
+Reading counts, so that an answer of 500 terms, which takes 0.6 s to read, ends in time, too.
+"""
 
 UNNAMED = "It is too long, or its numbers are too large, to find its wrong term in good time."
 """Sentence on a wrong equation for which the budget is spent."""

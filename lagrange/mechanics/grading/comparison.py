@@ -221,13 +221,12 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     samples += further
     remark = ""
-    with budget.limited(budget.SECONDS):
-        doubted = len(rows) < len(likeliest)
-        result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
-        with suppress(budget.BudgetSpent):
-            budget.check_size(*(row.zero for row in rows))
-            slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
-            remark = f" {slip}" if slip else ""
+    doubted = len(rows) < len(likeliest)
+    result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
+    with suppress(budget.BudgetSpent):
+        budget.check_size(*(row.zero for row in rows))
+        slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
+        remark = f" {slip}" if slip else ""
     label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
     remark += "".join(f" {understood[i][0].note}" for i in told if understood[i][0].note)

@@ -13,6 +13,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
+from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change
 from lagrange.mechanics.grading.student_equations import (
@@ -153,7 +154,8 @@ def _told_factor(factor: Any, write: Write) -> str:
 
 def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence if only an expression under a typed d/dt is wrong, else ""."""
-    for typed in row.differentiated:
+    for typed in dict.fromkeys(row.differentiated):
+        check_budget()
         for name, expected in _momenta(derivation, typed):
             change = along_motion(expected - typed, row.statement)
             for sign in (1, -1):  # on the left side, or on the right

@@ -10,6 +10,7 @@ from sympy import Add, Mul
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import SceneError
+from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.comparison import EquationsComparison, compare_equations
 from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
 from lagrange.mechanics.plain_form import names_of
@@ -28,6 +29,12 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     Sums in its messages have the signs that were typed, m1 - m2 or m2 - m1. Raises StatementError for an answer that
     cannot be read.
     """
+    with budget.limited(budget.SECONDS):
+        return _graded(statement, derivation, answer)
+
+
+def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
+    """Return the comparison of an answer; its search for a wrong term ends when the budget is spent."""
     typeset = Typesetter(statement, Notation(names_of(statement)))
     typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}
     equations = read_equations(answer, statement)

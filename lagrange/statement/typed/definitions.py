@@ -39,7 +39,7 @@ class Definition:
     constant: Clause | None = None
 
     @classmethod
-    def of(cls, clause: Clause, others: Sequence[Clause], names: Names) -> Definition | None:
+    def of(cls, clause: Clause, uses: Uses, names: Names) -> Definition | None:
         """Return the definition that a clause is: it has one unknown name, which other clauses contain; else None.
 
         A name that is not alone on a side is defined if another clause states its derivative or that it is constant.
@@ -53,29 +53,40 @@ class Definition:
             return None
         name = "".join(GREEK.get(mark, mark) for mark in words[0].text)
         lone = [k for k, side in enumerate(sides) if tuple("" if one in words else one.text for one in side) in _LONE]
-        place = lone[0] if lone else -1
-        value = sides[1 - place] if lone else sides[0]
-        if not _NAME.fullmatch(name) or (not lone and names.order(sides[0] + sides[1]) > 1):
+        value = sides[1 - lone[0]] if lone else sides[0]
+        changes = uses.changes(canonical(name), clause)
+        if not (changes or (lone and uses.contain(canonical(name), clause))) or not _NAME.fullmatch(name):
             return None
-        stating, used = _uses(canonical(name), others)
-        if not (used and lone) and not stating:
+        if not lone and names.order(sides[0] + sides[1]) > 1:
             return None
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
-        fixed = stated or (place == 1 and names.order(value) == 1 and not stating)
+        fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
         return cls(name, (sides[0], sides[1]), replace(kept, constant=True) if fixed else None)
 
 
-def _uses(key: str, clauses: Sequence[Clause]) -> tuple[bool, bool]:
-    """Return whether a clause states the derivative of a name or that it is constant, and whether one contains it."""
-    rates = {key + ending for endings in SPELLINGS[1:] for ending in endings}
-    stating = used = False
-    for clause in clauses:
-        words = [token for token in clause.tokens if token.kind == "word"]
-        for word in words:
-            spelled = canonical(word.text)
-            marked = spelled == key and (word.order or word.primes or is_constant(clause.sides()[-1]))
-            stating |= spelled in rates or bool(marked)
-            joined = key in spelled and spelled != f"d{key}" and not clause.names.readings(word.text)
-            used |= spelled == key or joined
-        stating |= any(one.kind == "rate" and two.text == key for one, two in pairwise(clause.tokens))
-    return stating, used
+class Uses:
+    """Where an answer has its unknown words: {word: offsets of the clauses}, and of those that state how it changes."""
+
+    def __init__(self, clauses: Sequence[Clause]) -> None:
+        self.words: dict[str, set[int]] = {}
+        self.changed: dict[str, set[int]] = {}
+        for clause in clauses:
+            constant = is_constant(clause.sides()[-1])
+            for before, token in pairwise((None, *clause.tokens)):
+                if token is None or token.kind != "word" or clause.names.readings(token.text):
+                    continue
+                word = canonical(token.text)
+                self.words.setdefault(word, set()).add(clause.begin)
+                if constant or token.order or token.primes or (before and before.kind == "rate"):
+                    self.changed.setdefault(word, set()).add(clause.begin)
+
+    def contain(self, name: str, clause: Clause) -> bool:
+        """Return True if a clause other than a given one contains a name, alone or in a product such as wt."""
+        places = (found for word, found in self.words.items() if name in word and word != f"d{name}")
+        return any(found - {clause.begin} for found in places)
+
+    def changes(self, name: str, clause: Clause) -> bool:
+        """Return True if a clause other than a given one states the derivative of a name, or that it is constant."""
+        rates = (name + ending for endings in SPELLINGS[1:] for ending in endings)
+        places = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
+        return any(found - {clause.begin} for found in places)

@@ -19,7 +19,7 @@ import sympy
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
-from lagrange.statement.typed.definitions import Definition, is_constant
+from lagrange.statement.typed.definitions import Definition, Uses, is_constant
 from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
@@ -50,6 +50,9 @@ _LETTERS |= {0x210E: "h", 0xFEFF: " "}
 
 MOST_CHAINED = 4
 """Most definitions of which each uses the one on the line after it."""
+
+MOST_DEFINED = 40
+"""Most equations of one text that are tried as definitions."""
 
 MOST_EQUATIONS = 1_000
 """Most equations of one text."""
@@ -247,13 +250,14 @@ class TypedReader:
         A definition may use one that follows it. A name that no other clause contains is not defined. A clause that
         states that the value is constant, as h = r^2 phi' = const or r^2 phi' = h, remains.
         """
-        reader, left = self, dict(enumerate(clauses))
-        for _ in range(MOST_CHAINED):
-            for k, clause in [*left.items()]:
-                others = [one for one in clauses if one is not clause]
-                definition = Definition.of(clause.part(*clause.equation(moves=False)), others, reader.names)
-                known = reader._defined(definition) if definition else {}
-                if definition and known:
+        reader, left, uses, tries = self, dict(enumerate(clauses)), Uses(clauses), 0
+        for k in [*left] * MOST_CHAINED:
+            narrow = left[k].part(*left[k].equation(moves=False)) if k in left and tries < MOST_DEFINED else None
+            definition = Definition.of(narrow, uses, reader.names) if narrow else None
+            if definition is not None:
+                tries += 1
+                known = reader._defined(definition)
+                if known:
                     reader = TypedReader(reader.symbols | known, self.others)
                     del left[k]
                     left |= {k: definition.constant} if definition.constant else {}

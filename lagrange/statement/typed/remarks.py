@@ -46,7 +46,7 @@ _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
 _UNITS_ALONE = re.compile(rf"\s*{_UNITS}[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
 _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
-_PROVEN = re.compile(rf"[\s,;.(]*(?:q\.?\s?e\.?\s?d|w\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
+_PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
 """Words at the end of an equation that say nothing: Q.E.D., for all times."""
 
 _MARK = re.compile(rf"[,;!]|\.\s|//|--|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
@@ -203,6 +203,7 @@ class Clause:
         """
         proven = _PROVEN.search(self.text, self.begin, self.end)
         end = proven.start() if proven else self.end
+        end -= bool(proven) and self.text[:end].endswith("(")
         for mark in reversed([*_MARK.finditer(self.text, self.begin, end)]):
             wide = mark.group().isspace()
             if self._is_unit(mark.end(), end) if wide else self._is_apart(mark.end(), end, bare=mark.group().isalpha()):
