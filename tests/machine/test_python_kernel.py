@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import itertools
 import math
 import re
@@ -15,18 +14,15 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.algorithm.linear import gauss_jordan, inverse, ldl
 from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel, printed
 from lagrange.machine.kernel.straight_lines import WRITTEN_OUT, StraightLines, fits
-from lagrange.machine.python_source import defined, source
-from lagrange.procedure.form import Procedure
+from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from tests.models import TARGETS
 from tests.operations import operations
-from tests.procedure.random_procedures import RandomProcedure
 
 x, y, z = lg.coordinates("x y z")
 k = lg.parameters("k")
@@ -334,39 +330,6 @@ def test_a_source_that_is_not_there_is_told() -> None:
         large.source("power")
 
 
-# --- python source --------------------------------------------------------------------------------------------
-# The Python that procedures print reads as people and Python's own printer write it.
-
-LINEAR: dict[str, Procedure] = {
-    "invert_dense": ldl.invert_dense.form(),
-    "solve_columns": ldl.solve_columns.form(),
-    "invert": inverse.invert.form(),
-    "inversion": gauss_jordan.inversion(7),
-}
-RANDOM = {str(seed): RandomProcedure(seed, fused=False).build() for seed in range(40)}
-EVERY = {**LINEAR, **RANDOM}
-
-HALVES = re.compile(r"\((\w+\[0\] \+ \w+\[1\])\) \+ \(")
-"""Partial sums are added in pairs, and the parentheses around both are written to show it."""
-RETURNED = re.compile(r"return \((.*,.*)\)$")
-"""Python's printer puts parentheses around what a function returns, where it is several."""
-ELSE_IF = re.compile(r"else:\n +if ")
-"""Python's printer writes elif."""
-
-
-def lines(text: str) -> list[str]:
-    return [line for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_there_is_no_parenthesis_and_no_column_too_many(name: str) -> None:
-    ours = source(EVERY[name])
-    if ELSE_IF.search(ours):
-        pytest.skip("Python's printer writes elif")
-    expected = [RETURNED.sub(r"return \1", line) for line in lines(ast.unparse(ast.parse(ours)))]
-    assert [HALVES.sub(r"\1 + (", line) for line in lines(ours)] == expected
-
-
 # --- functions ------------------------------------------------------------------------------------------------
 # Every operation on every machine: against mpmath, at the edges of its domain, and in columns of any width.
 
@@ -473,18 +436,6 @@ def test_both_machines_agree_at_the_edges(op: str) -> None:
     alone = np.array([run("llvm", op, column) for column in points.T])
     wrong = ~same(alone, reference)
     assert not wrong.any(), (points[:, wrong][:, :3], alone[wrong][:3], reference[wrong][:3])
-
-
-@pytest.mark.parametrize("op", [op for op in OPERATIONS if op not in ("less", "less_equal", "equal", *LOGIC, "select")])
-@pytest.mark.parametrize("target", TARGETS)
-def test_nan_is_never_lost(target: str, op: str) -> None:
-    for i in range(ARITY[op] or 0):
-        point = samples(op, 9)
-        point[i, 5] = np.nan
-        found = run(target, op, point)
-        assert np.isnan(found[5])
-        assert np.isfinite(np.delete(found, 5)).all()
-        assert np.isnan(run(target, op, point[:, 5]))
 
 
 @pytest.mark.parametrize("op", OPERATIONS)

@@ -157,14 +157,6 @@ def error_norm(tableau: ButcherTableau, k: Any, h: float, scale: Any) -> float:
     return float(h * e5 / math.sqrt((e5 + 0.01 * e3) * scaled.size))
 
 
-@pytest.mark.parametrize("tableau", [DOPRI5, DOP853], ids=lambda tableau: tableau.name)
-def test_the_error_norm_shrinks_with_the_power_that_control_says(tableau: ButcherTableau) -> None:
-    assert tableau.error and tableau.error.control == {5: 5, 8: 8}[tableau.order]
-    sizes = np.array([0.1, 0.07, 0.05, 0.03] if tableau.order == 5 else [0.2, 0.15, 0.1, 0.07])
-    norms = [error_norm(tableau, stages(tableau, pendulum, 0.3, np.array([1.0, 0.2]), h), h, np.ones(2)) for h in sizes]
-    assert slope_of(norms, sizes) == pytest.approx(tableau.error.control, abs=0.25)
-
-
 def test_what_is_derived() -> None:
     assert RK4.c == (0, Fraction(1, 2), Fraction(1, 2), 1) and RK4.stages == 4 and len(RK4.rows) == 5
     assert [tableau.fsal for tableau in ALL] == [
