@@ -155,36 +155,6 @@ def test_the_cells_keep_the_rules_of_the_examples() -> None:
         assert made.returncode == 0, made.stdout + made.stderr
 
 
-# --- the rules, on what breaks them ---------------------------------------------------------------------------------
-
-
-def test_outputs_counts_and_metadata_are_taken_out() -> None:
-    cell = {"cell_type": "code", "id": "a", "metadata": {"tags": ["x"]}, "source": "1\n", "outputs": [1]}
-    found = json.loads(SCRIPT["stored"](json.dumps({"cells": [cell | {"execution_count": 3}], "metadata": {"a": 1}})))
-    assert found["cells"] == [
-        {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}, "outputs": [], "source": ["1"]}
-    ]
-    assert found["metadata"] == SCRIPT["METADATA"]
-
-
-def test_an_import_from_elsewhere_is_seen() -> None:
-    assert imported("import matplotlib.pyplot as plt\nfrom scipy import special") - ALLOWED == {"matplotlib", "scipy"}
-
-
-def test_a_tolerance_without_a_reason_is_seen() -> None:
-    assert tolerances_without_a_reason("# The step is 0.1.\nx = 1\nassert x < 1e-3") == []
-    assert tolerances_without_a_reason("assert x < 1e-3  # as above") == []
-    assert tolerances_without_a_reason("# The step is 0.1.\nx = 1\n\nassert x < 1e-3") == [4]
-    assert tolerances_without_a_reason("assert x == 1") == []
-
-
-def test_what_is_shown_as_an_object_is_seen() -> None:
-    assert is_shown({"text/plain": "<Figure size 640x480>", "image/png": "..."})
-    assert is_shown({"text/plain": "[<Equilibrium: theta = 0; stable>]"})
-    for text in ("<Figure size 640x480 with 1 Axes>", "<Sheet object at 0x7f>", "Report(system='pendulum', rows=())"):
-        assert not is_shown({"text/plain": text})
-
-
 def test_what_a_notebook_gave_is_kept_for_its_text_and_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
