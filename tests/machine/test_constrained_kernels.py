@@ -317,3 +317,15 @@ def test_a_group_has_one_test_of_its_pivots_and_one_call() -> None:
         kernel = LlvmKernel(lower("twelve", {"x": outputs}, {"y": [*entries, *right]}, time, []))
         assert len(re.findall(pattern, kernel.ir)) == 1
     assert "call void @solve_factored" not in kernel.ir.partition("define i32 @twelve(")[2]
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize(("mass", "length"), [(3e8, 3e-9), (3e-12, 3e9), (1e11, 6e-8)])
+def test_units_decide_no_pivot(mass: float, length: float, target: str) -> None:
+    """Of a pendulum that swings through its lowest point. Its inertia was compared with its constraint."""
+    (a, b), ell = lg.coordinates("a b"), lg.parameters("ell")
+    kinetic, rod = m * (a.dot**2 + b.dot**2) / 2, {"rod": a**2 + b**2 - ell**2}
+    pendulum = stated(kinetic=kinetic, potential=m * b, constraints=rod, parameters={m: mass, ell: length})
+    found = model_of(pendulum, machine(target)).accelerations([0.0, -length], [0.5 * length, 0.0])
+    # The centripetal acceleration, the speed squared over the length.
+    assert found / length == pytest.approx([0.0, 0.25], rel=1e-13)

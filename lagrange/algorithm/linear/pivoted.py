@@ -5,19 +5,31 @@ j*band + i, which for a band of n is a full matrix by columns. Row exchanges wid
 long chain takes a time like n. The factors are those of the full matrix, rounding included.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.3.
 
-Factors take `pivoted_size` reals: [row scales (n), the row exchanged with each (n), columns]. A column stores the rows
-that may be filled, from row j - 2 band on. `column` is its offset, shifted so that its index is the row.
+Units of coordinates and constraints decide nothing: sizes are those in units in which the diagonal is one, and the
+largest entry of each row without a diagonal entry.
+
+Factors take `pivoted_size` reals: [row scales (n), the row exchanged with each (n), column scales (n), preferences (n),
+columns]. A column stores the rows that may be filled, from row j - 2 band on. `column` is its offset, shifted so that
+its index is the row.
 """
 
 from __future__ import annotations
+
+import math
 
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, fma
 
 PIVOT = 2.0**-46
-"""A symmetric matrix is singular to round-off if elimination with pivoting, its rows scaled, meets a pivot of at most
-this fraction of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
-diagonal is one, then exceed 1 / PIVOT."""
+"""A symmetric matrix is singular to round-off if elimination with pivoting meets a scaled pivot of at most this size.
+
+It is 64 rounding errors. The entries of its inverse, in units in which its diagonal is one, then exceed 1 / PIVOT."""
+
+PREFERENCE = 2.0**4
+"""Factor on the sizes of rows of constraints, when a pivot is chosen.
+
+A constraint is solved for a coordinate before an inertia is, which may be that of a light body, or rounding alone.
+"""
 
 
 @inline
@@ -28,7 +40,7 @@ def band_size(n: int, band: int) -> int:
 
 def pivoted_size(n: int, band: int) -> int:
     """Return the number of reals that the factors of a matrix of order n take."""
-    return 2 * n + n * min(n, 3 * band + 1)
+    return 4 * n + n * min(n, 3 * band + 1)
 
 
 @inline
@@ -36,14 +48,17 @@ def column(n: int, band: int, j: int) -> int:
     """Return the offset of column j of L and U in factors, shifted so that its index is the row."""
     height = min(n, 3 * band + 1)
     first = min(max(j - 2 * band, 0), n - height)
-    return 2 * n + j * height - first
+    return 4 * n + j * height - first
 
 
 @procedure
 def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
     """Factor P A = L U with scaled pivots, and return whether A is singular to round-off."""
-    scales, exchanges = factors, factors[n:]
-    nothing = scale_rows(n, band, a, scales)
+    scales, exchanges, units, preferences = factors, factors[n:], factors[2 * n :], factors[3 * n :]
+    nothing = scale_rows(n, band, a, scales, exchanges)
+    for i in range(n):
+        units[i] = scales[i]
+        preferences[i] = PREFERENCE if a[i * band + i] == 0.0 else 1.0
     for j in range(n):
         entries = factors[column(n, band, j) :]
         for i in range(max(j - 2 * band, 0), min(n, j + band + 1)):
@@ -59,18 +74,17 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
         entries, rows, reach = factors[column(n, band, j) :], min(n, j + band + 1), min(n, j + 2 * band + 1)
         best, row = -1.0, j
         for i in range(j, rows):
-            size = abs(entries[i]) * scales[i]
+            size = abs(entries[i]) * scales[i] * preferences[i]
             if size > best:
                 best, row = size, i
         exchanges[j] = float(row)
         scales[j], scales[row] = scales[row], scales[j]
+        preferences[j], preferences[row] = preferences[row], preferences[j]
         for k in range(j, reach):
             other = factors[column(n, band, k) :]
             other[j], other[row] = other[row], other[j]
         pivot = entries[j]
-        # For a row of zeros this product is 0 * inf = NaN.
-        vanishes = abs(pivot) * scales[j] <= PIVOT
-        singular = singular or vanishes or pivot == 0.0
+        singular = singular or abs(pivot) * scales[j] * units[j] <= PIVOT
         reciprocal = 1.0 / pivot
         for i in range(j + 1, rows):
             entries[i] *= reciprocal
@@ -85,22 +99,48 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
 
 
 @inline
-def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float]) -> float:
-    """Write one over the largest entry of each row; return 0 times the sum of their sizes: NaN if one is not finite."""
+def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], largest: Writable[float]) -> float:
+    """Write factors of rows and columns; return 0 times the sum of all sizes: NaN if an entry is not finite.
+
+    Diagonal entries become 1. The largest entry of a row without one becomes 1, first by the scaled columns, which
+    scales constraints, then by all, which scales coordinates without inertia. `largest` is overwritten.
+    """
     nothing = 0.0
     for i in range(n):
-        scales[i] = 0.0
+        inertia = abs(a[i * band + i])
+        scales[i] = 1.0 / math.sqrt(inertia) if inertia > 0.0 else 0.0
+    for _ in range(2):
+        nothing = largest_in_rows(n, band, a, scales, largest)
+        for i in range(n):
+            if scales[i] == 0.0 and largest[i] > 0.0:
+                scales[i] = 1.0 / largest[i]
+    for i in range(n):
+        if scales[i] == 0.0:
+            scales[i] = 1.0
+    nothing = largest_in_rows(n, band, a, scales, largest)
+    for i in range(n):
+        if largest[i] > 0.0:
+            scales[i] /= math.sqrt(scales[i] * largest[i])
+    return nothing
+
+
+@inline
+def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
+    """Write the largest entry of each row with scaled columns; return 0 times the sum of all sizes."""
+    nothing = 0.0
+    for i in range(n):
+        largest[i] = 0.0
     for j in range(n):
         given = a[j * band :]
         for i in range(j, min(n, j + band + 1)):
             size = abs(given[i])
-            for row in (i, j):
-                largest = scales[row]
-                scales[row] = size if size > largest else largest
+            across, down = size * scales[j], size * scales[i]
+            if across > largest[i]:
+                largest[i] = across
+            if down > largest[j]:
+                largest[j] = down
             # Zero times a NaN or an infinity is NaN, and remains in the sum.
             nothing = fma(size, 0.0, nothing)
-    for i in range(n):
-        scales[i] = 1.0 / scales[i]
     return nothing
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.linear.pivoted import PIVOT
+from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.program.program import Program
@@ -54,7 +54,7 @@ def _matrix(n: int, *lower: Any) -> FloatArray:
 
 
 def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
-    """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
+    """Return the solution (n,) or (n, batch) by Gaussian elimination with partial pivoting of scaled entries."""
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
     whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
     a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
@@ -64,14 +64,14 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
     a *= scale[:, None] * scale
     b *= scale
     lanes = np.arange(a.shape[2])
-    largest = np.abs(a).max(axis=1)
+    preference = np.where(np.einsum("iik->ik", a) == 0.0, PREFERENCE, 1.0)
     for j in range(n):
-        pick = j + np.argmax(np.abs(a[j:, j]) / largest[j:], axis=0)
-        for array in (a, b, largest):
+        pick = j + np.argmax(np.abs(a[j:, j]) * preference[j:], axis=0)
+        for array in (a, b, preference):
             here, there = array[j].copy(), array[pick, ..., lanes]
             array[j] = np.moveaxis(there, 0, -1)
             array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
-        _check_pivot(a[j, j], largest[j], finite, columns)
+        _check_pivot(a[j, j], finite, columns)
         factor = a[j + 1 :, j] / a[j, j]
         a[j + 1 :] -= factor[:, None] * a[j]
         b[j + 1 :] -= factor * b[j]
@@ -82,14 +82,25 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 
 
 def _scale(a: FloatArray) -> FloatArray:
-    """Return factors (n, k) that scale positive definite matrices to a unit diagonal, and ones for other matrices."""
-    diagonal = np.einsum("iik->ik", a)
-    return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
+    """Return the factors (n, k) of rows and columns of matrices (n, n, k); see `lagrange.algorithm.linear.pivoted`.
+
+    The factors of a matrix that is not definite are powers of two, which change no digit.
+    """
+    diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)
+    for _ in range(2):
+        largest = (size * scale).max(axis=1)
+        scale = np.where((scale == 0.0) & (largest > 0.0), 1.0 / largest, scale)
+    scale = np.where(scale == 0.0, 1.0, scale)
+    largest = scale * (size * scale).max(axis=1)
+    definite = (np.einsum("iik->ik", a) > 0.0).all(axis=0)
+    powers = np.exp2(np.round(np.log2(scale / np.sqrt(np.where(largest > 0.0, largest, 1.0)))))
+    return np.where(definite, scale, powers)
 
 
-def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
+def _check_pivot(pivot: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
     """Raise SingularMassMatrix for a pivot that is zero to round-off. Matrices that are not finite are skipped."""
-    singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
+    singular = finite & (np.abs(pivot) <= PIVOT)
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 

@@ -1,0 +1,82 @@
+"""Pendulums of rods with random masses in random units of mass, length and time move as they do in units of one."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import lagrange as lg
+from tests.trajectory.runs import ADAPTIVE
+
+m, g, ell = lg.parameters("m g ell")
+
+LIGHTEST = 1e-3
+"""Mass of some bodies, in the unit of the others: solutions without pivoting then miss their constraints."""
+
+SEEDS = range(30)
+FAR = 12
+"""Powers of ten of the units, from -FAR to FAR. The square of a length is in a constraint."""
+
+
+def rods(draw: random.Random, unit: tuple[float, float, float]) -> tuple[lg.System, float]:
+    """Return one to three bodies on rods in Cartesian coordinates, half of them hanging but for one, and a time.
+
+    `unit` has the units of mass, length and time. The same draws give the same system in other units.
+    """
+    mass, length, time = unit
+    count = draw.randint(1, 3)
+    q = lg.coordinates(" ".join(f"x{i} y{i}" for i in range(count)))
+    masses = [draw.choice([1.0, 1.0, 5.0, LIGHTEST]) for _ in range(count)]
+    angles = [draw.uniform(-2.0, 2.0) for _ in range(count)]
+    if draw.random() < 0.5:
+        angles = [0.0] * (count - 1) + [draw.choice([0.5, 1e-3])]
+    ends = np.cumsum([(np.sin(a), -np.cos(a)) for a in angles], axis=0) * length
+    joints = [(0, 0), *zip(q[::2], q[1::2], strict=True)]
+    system = lg.System(
+        m * sum(w * (x.dot**2 + y.dot**2) for w, x, y in zip(masses, q[::2], q[1::2], strict=True)) / 2,
+        m * g * sum(w * y for w, y in zip(masses, q[1::2], strict=True)),
+        coordinates=list(q),
+        constraints=[(x - a) ** 2 + (y - b) ** 2 - ell**2 for (a, b), (x, y) in pairwise(joints)],
+        parameters={m: mass, g: 9.81 * length / time**2, ell: length},
+        initial=dict(zip(q, map(float, ends.ravel()), strict=True)),
+    )
+    return system, draw.uniform(0.5, 1.5) * time
+
+
+def ended(seed: int, unit: tuple[float, float, float], method: str, rtol: float) -> NDArray[Any]:
+    """Return the last state of a run in units of one."""
+    system, end = rods(random.Random(seed), unit)
+    run = lg.integrate(system.compile(check=False), (0.0, end), method=method, rtol=rtol)
+    assert run.status is lg.Status.SUCCESS, run.message
+    last = run.y[:, -1] / unit[1]
+    last[len(last) // 2 :] *= unit[2]
+    return np.asarray(last)
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
+    draw = random.Random(1000 + seed)
+    unit = (10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR))
+    method = draw.choice(ADAPTIVE)
+    expected = ended(seed, (1.0, 1.0, 1.0), "taylor", 1e-14)
+    found = ended(seed, unit, method, 1e-7)
+    # Runs of a tenth of a second to a second multiply the errors of steps by less than 1,000.
+    assert found == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_accelerations_of_rods_are_the_same_in_all_units(seed: int, target: str) -> None:
+    draw = random.Random(2000 + seed)
+    mass, length, time = (10.0 ** draw.uniform(-FAR, FAR) for _ in range(3))
+    plain, _ = rods(random.Random(seed), (1.0, 1.0, 1.0))
+    other, _ = rods(random.Random(seed), (mass, length, time))
+    expected, found = (one.compile(target, check=False).rhs(0.0, list(one.statement.initial)) for one in (plain, other))
+    # A light body is accelerated by forces that are a thousand times as large: 1e3 of 1e-16.
+    assert found * time**2 / length == pytest.approx(expected, abs=1e-11 * max(1.0, np.abs(expected).max()))
