@@ -17,7 +17,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "trajectory records": ("integrator", "trajectory"),
     "trajectory runs": ("endings", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
     "trajectory parts": ("parts",),
-    "trajectory entries": ("flow", "integrate", "progress", "run", "solution"),
+    "trajectory entries": ("flow", "progress", "run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""

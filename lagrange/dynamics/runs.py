@@ -22,8 +22,8 @@ from lagrange.statement.given.function import with_values
 from lagrange.statement.number import real_array
 from lagrange.statement.rotation import check_start
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Trajectory
 
 Report = Callable[[float], None]
@@ -50,7 +50,7 @@ class Runs:
         watched = options.events if events is None else events
         chosen = replace(options, t_eval=t_eval, events=watched, parameters=values)
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
-        return integrate(self.model, (t0, t1), initial, chosen)[0]
+        return trajectory_of(self.model, (t0, t1), initial, chosen)[0]
 
 
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:

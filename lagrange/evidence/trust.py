@@ -15,9 +15,9 @@ from lagrange.machine.model import Model
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_array, real_number
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.integrate import integrate, span_or_end
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.run import span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DIGITS = 22
@@ -309,7 +309,7 @@ def trust_horizon(
     t0, t1 = span_or_end(span)
     if t0 == t1:
         raise StatementError(f"the span from {t0:g} to {t1:g} is empty: give an end such as span={t0 + 10:g}.")
-    run, values = integrate(model, (t0, t1), initial, RunOptions(method, rtol, atol, step, parameters=parameters))
+    run, values = trajectory_of(model, (t0, t1), initial, RunOptions(method, rtol, atol, step, parameters=parameters))
     times = _comparison_times(run.t)
     states = run.dense(times)
     size = np.abs(states).max(axis=1)
@@ -377,7 +377,7 @@ def _comparison_runs(
     for method, tolerance, off in COMPARISON_METHODS:
         moved = start + off * START_PERTURBATION * signs * moving
         try:
-            comparison, _ = integrate(
+            comparison, _ = trajectory_of(
                 model,
                 run.span,
                 dict(zip(rows, moved.tolist(), strict=True)),

@@ -16,9 +16,9 @@ from lagrange.machine.model import Model
 from lagrange.statement.expression import entries
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find, names
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
@@ -325,7 +325,7 @@ def _fine_run(
 
     The run gives the magnitudes of the states and the growth of errors.
     """
-    run, values = integrate(
+    run, values = trajectory_of(
         model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
     )
     if not _checked(run).status.complete:

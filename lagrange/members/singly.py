@@ -25,9 +25,9 @@ from lagrange.members.keep import (
     event_times,
 )
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.measures.conservation import NOTABLE_CHANGE, SMALL_CHANGE
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 
@@ -177,7 +177,7 @@ class RunEngine:
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
         options = replace(self.options, parameters=values, t_eval=self.recorded)
-        return integrate(self.model, self.span, initial, options)[0]
+        return trajectory_of(self.model, self.span, initial, options)[0]
 
     @property
     def recorded(self) -> FloatArray | None:

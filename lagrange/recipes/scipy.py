@@ -22,7 +22,7 @@ from lagrange.statement.given.function import check_span
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.constraints.consistent import consistent_start
-from lagrange.trajectory.integrate import time_span
+from lagrange.trajectory.run import time_span
 
 TAKE_JACOBIAN = ("Radau", "BDF", "LSODA")
 """SciPy's methods that use a Jacobian; the others warn if they get one."""

@@ -55,12 +55,11 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_number, whole_number
 from lagrange.statement.progress import compiling, counter, wanted_progress
 from lagrange.statement.run_settings import DEFAULT_METHOD
-from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.run import compiled
+from lagrange.trajectory.run import compiled, output_times, span_or_end
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:

@@ -29,8 +29,7 @@ from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_number
-from lagrange.trajectory.integrate import time_span
-from lagrange.trajectory.run import compiled
+from lagrange.trajectory.run import compiled, time_span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

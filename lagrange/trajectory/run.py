@@ -1,28 +1,50 @@
-"""Run a compiled model: `integrate` for a Solution, `flow` for the state at the end as a plain function."""
+"""Run a compiled model: `integrate` for a Solution, `flow` for the state at the end as a plain function.
+
+The request of a run is checked here.
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.errors import RunError
+from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.model import Model, Stated, stated
-from lagrange.statement.given.function import require_values
-from lagrange.statement.number import flag, real_number
+from lagrange.machine.parameters import ordered
+from lagrange.statement.declare import initial_state
+from lagrange.statement.event import declare_events
+from lagrange.statement.given.function import check_span, require_values
+from lagrange.statement.number import flag, real_array, real_number
 from lagrange.statement.progress import compiling, progress_bar
+from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
+from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
+from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
+from lagrange.trajectory.contact.run import run_through_contacts
+from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.integrate import integrate as trajectory_of
-from lagrange.trajectory.integrate import time_span
-from lagrange.trajectory.integrator import RunOptions
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, run_by
+from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.pace import memory_limit
+from lagrange.trajectory.parts import run_in_segments
+from lagrange.trajectory.plan import locates_events
+from lagrange.trajectory.run_loop import not_begun
 from lagrange.trajectory.solution import Solution
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+SPAN_ROUND_OFF = 1e-12
+"""Output times beyond an end of the span by less than this relative amount are set to that end."""
 
 
 def integrate(
@@ -139,3 +161,180 @@ def flow(
     the run does not reach t1. Raises StatementError for an unknown method or a setting that it does not take.
     """
     return Flow(model, RunOptions(method, rtol, atol, step, max_steps=max_steps))
+
+
+def trajectory_of(
+    model: Model,
+    span: Sequence[float],
+    initial: Mapping[Any, Any] | None = None,
+    options: RunOptions = DEFAULT_OPTIONS,
+    *,
+    progress: Callable[[float], None] | None = None,
+    began: float | None = None,
+) -> tuple[Trajectory, dict[Any, float]]:
+    """Run a model over a span of time; return the trajectory and the parameters' values.
+
+    `progress` is called with the time reached; `began` is the time of the request by `time.perf_counter`. Raises
+    StatementError for an invalid request. A failure during the run sets the status of the trajectory.
+    """
+    if not isinstance(model, Model):
+        raise StatementError(f"{shown(model)} is not a compiled model: give system.compile(), or call system.run().")
+    (t0, t1), statement = time_span(span), model.statement
+    require_values(statement)
+    check_span(statement, t0, t1)
+    values = model.parameter_values(options.parameters)
+    for name in statement.rotations if options.parameters else ():
+        check_moments(statement.kinetic, name, values)
+    given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
+    start, constrained = given, bool(model.equations.constraints)
+    began = time.perf_counter() if began is None else began
+    if constrained:
+        # A start that is not found in time stays as it is: the run then ends before its first step.
+        with suppress(PreparationTooLongError), preparation(began, options.wall_limit):
+            start = consistent_start(model, t0, given, ordered(values, statement.parameters))
+    problem = Problem(
+        model=model,
+        parameters=values,
+        t0=t0,
+        t1=t1,
+        y0=start,
+        t_eval=output_times(options.t_eval, t0, t1, model.layout.size),
+        rtol=options.rtol,
+        atol=options.atol,
+        step=options.step,
+        max_steps=options.step_limit,
+        max_wall=options.wall_limit,
+        max_memory=options.memory_limit,
+        events=declare_events(options.events, statement),
+        progress=progress,
+        began=began,
+    )
+    _check_memory(problem)
+    integrator = find(DEFAULT_METHOD if options.method is None else options.method)
+    _check_events(problem, integrator)
+    if statement.contacts:
+        trajectory = run_through_contacts(problem, partial(_run, integrator))
+    elif any(event.settings for event in problem.events):
+        trajectory = run_in_segments(problem, partial(_run, integrator))
+    else:
+        trajectory = _run(integrator, problem)
+    # Once for the whole run: over a short segment all coordinates stay within round-off.
+    trajectory = with_resolution(problem, trajectory)
+    if start is not given:
+        trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
+    return trajectory, values
+
+
+def _run(integrator: Integrator, problem: Problem) -> Trajectory:
+    """Run a problem with constant parameters, check its result, and return the trajectory."""
+    model, constrained = problem.model, bool(problem.model.equations.constraints)
+    try:
+        with preparation(problem.began, problem.max_wall):
+            before = _check_start(problem)
+            if constrained:
+                check_independent(model, problem.t0, problem.y0, problem.parameter_array)
+    except PreparationTooLongError as late:
+        return not_begun(problem, integrator.name, str(late))
+    trajectory = run_by(integrator, problem)
+    if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
+        refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
+    if trajectory.status.complete and constrained:
+        trajectory = _on_constraints(problem, trajectory)
+    if len(problem.events) > 1:
+        trajectory = with_touching_bodies(problem, trajectory)
+    return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive)
+
+
+def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory, with the status UNRELIABLE if its last state violates the constraints."""
+    if not trajectory.y.size:
+        return trajectory
+    end = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
+    off = violation(problem.model, *end, problem.parameter_array, abs(end[0] - problem.t0))
+    if not off:
+        return trajectory
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")
+
+
+def _check_events(problem: Problem, integrator: Integrator) -> None:
+    """Raise StatementError for events if the method cannot locate them."""
+    if problem.events and not locates_events(integrator):
+        raise StatementError(
+            f"{integrator.name} does not locate events: use {DEFAULT_METHOD} or another method with a plan of its own, "
+            "such as dop853, or leave events empty and look for the crossing with solution.at(t)."
+        )
+
+
+def _check_memory(problem: Problem) -> None:
+    """Raise StatementError for output times that do not fit into the memory of the run."""
+    if problem.t_eval is None:
+        return
+    taken, limit = 8 * len(problem.t_eval) * (len(problem.y0) + 1), memory_limit(problem)
+    if taken > limit:
+        raise StatementError(
+            f"t_eval has {len(problem.t_eval)} times, which take {taken:.4g} bytes with their states, more than "
+            f"max_memory = {limit:.6g} bytes: give fewer times, raise max_memory, or run the span in parts."
+        )
+
+
+def _check_start(problem: Problem) -> float:
+    """Return the energy of the initial state. Raises StatementError if it is not finite."""
+    model, y0 = problem.model, problem.y0
+    value = energy(problem, y0)
+    if math.isfinite(value):
+        return value
+    if outside := table_left(problem, problem.t0, y0):
+        raise StatementError(f"the motion cannot start there: {outside}")
+    state = listing(f"{name} = {x:.6g}" for name, x in zip(model.layout.names(".dot"), y0, strict=True))
+    raise StatementError(
+        f"the energy of {model.statement.name} is {value} at the initial state ({state}), so the motion cannot start "
+        "there. Look for an overflow, a division by zero, or a sqrt or log outside its domain, in the kinetic and "
+        "potential energy; give another initial state or other parameters."
+    )
+
+
+def time_span(span: Sequence[float]) -> tuple[float, float]:
+    """Return the first and the last time. Raises StatementError if these are not two numbers."""
+    is_list = type(span) is tuple or (span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence))
+    if not is_list or isinstance(span, (str, bytes)) or len(span) != 2:
+        raise StatementError(f"the time span is {shown(span)}: give two times, such as (0.0, 10.0).")
+    return real_number(span[0], "the first time"), real_number(span[1], "the last time")
+
+
+def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
+    """Return the first and the last time of a span, or 0 and the end if `span` is a number."""
+    if isinstance(span, (Sequence, np.ndarray)):
+        return time_span(span)
+    return 0.0, real_number(span, "t_end")
+
+
+def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
+    """Return the output times as an array (N,), or None; the state has `width` entries at each.
+
+    Raises StatementError for times outside the span and times that are not sorted in the direction of the run.
+    """
+    if t_eval is None:
+        return None
+    times = real_array(t_eval, "t_eval", width=width)
+    if times.ndim != 1:
+        raise StatementError(
+            f"t_eval has shape {times.shape}: give a list of times, such as np.linspace({t0:g}, {t1:g}, 1000)."
+        )
+    low, high = min(t0, t1), max(t0, t1)
+    sorted_along = times[1:] >= times[:-1] if t1 >= t0 else times[1:] <= times[:-1]
+    ends = (float(times[0]), float(times[-1])) if times.size and sorted_along.all() else (-math.inf, math.inf)
+    if low <= min(ends) and max(ends) <= high:
+        return times
+    slack = SPAN_ROUND_OFF * (high - low)
+    if times.size and not (times.min() >= low and times.max() <= high):
+        times = np.where((times > high) & (times <= high + slack), high, times)
+        times = np.where((times < low) & (times >= low - slack), low, times)
+        outside = times[~((times >= low) & (times <= high))]
+        if outside.size:
+            raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
+    direction = 1 if t1 >= t0 else -1
+    if (np.diff(times) * direction < 0).any():
+        raise StatementError(
+            "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
+        )
+    return times

@@ -17,9 +17,9 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Claims, RunOptions
 from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ENDLESS = 300.0
@@ -160,7 +160,7 @@ def run(fault: Fault, method: Any, claims: Claims) -> Trajectory:
         options.update({"step": fault.step, **fault.equal})
     initial, progress = options.pop("initial", None), options.pop("progress", None)
     span = (fault.start, fault.end)
-    return integrate(fault.model(), span, initial, RunOptions(method, **options), progress=progress)[0]
+    return trajectory_of(fault.model(), span, initial, RunOptions(method, **options), progress=progress)[0]
 
 
 def _slow(method: str) -> bool:
@@ -181,7 +181,7 @@ def refused(fault: Fault, method: Any, claims: Claims, words: str) -> tuple[str,
 def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
     """Whether the method refuses this system in the same words when nothing is asked but to stay where it is."""
     try:
-        integrate(fault.model(), (fault.start, fault.start), options=RunOptions(method))
+        trajectory_of(fault.model(), (fault.start, fault.start), options=RunOptions(method))
     except StatementError as error:
         return str(error) == words
     return False

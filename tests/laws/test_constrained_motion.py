@@ -16,9 +16,9 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
 from tests.laws.mechanisms import (
     PLACES,
@@ -52,7 +52,7 @@ def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, be
     names = [*(q.func.__name__ for q in PLACES), *(f"{q.func.__name__}_dot" for q in PLACES)]
     options = RunOptions(method or Taylor(rtol=1e-12, atol=1e-14), max_steps=5_000)
     start = dict(zip(names, map(float, state), strict=True))
-    found, _ = integrate(model, (begin, begin + end), start, options)
+    found, _ = trajectory_of(model, (begin, begin + end), start, options)
     assume(found.status not in (Status.SINGULAR, Status.MAX_STEPS))
     assert found.status is Status.SUCCESS, found.message
     states: Vector = found.y

@@ -16,9 +16,9 @@ from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
 from tests.covering import examples
 
@@ -130,7 +130,7 @@ def test_explicit_time_changes_the_energy_by_its_own_slope(T: Any, V: Any, U: An
 
 def run(compiled: Model, state: Any, end: float) -> Any:
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
-    found, _ = integrate(compiled, (0.0, end), start, RunOptions("dop853", 1e-11, 1e-12, max_steps=20_000))
+    found, _ = trajectory_of(compiled, (0.0, end), start, RunOptions("dop853", 1e-11, 1e-12, max_steps=20_000))
     assert found.status is Status.SUCCESS, found.message
     return found
 
@@ -235,7 +235,7 @@ def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: 
     compiled = model(target, lagrangian=T - V)
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
     rtol = 1e-9 if order > 8 else 1e-6
-    found, _ = integrate(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
+    found, _ = trajectory_of(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
     if found.status is Status.SINGULAR:
         # Now and then a system is drawn that loses its inertia on the way: then that is so.
         masses = (compiled.mass_matrix(y[:2], v=y[2:]) for y in (found.y[:, 0], found.y[:, -1]))

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.members.faulty import FAULTY, HEALTHY, Faulty
 from tests.members.faulty_constraints import FAULTY_CONSTRAINTS
@@ -43,7 +43,7 @@ def alone(fault: Faulty, method: str, value: float) -> Trajectory | str:
     given, asked = fault.given(np.float64(value)), options(fault, method)
     chosen = RunOptions(asked.pop("method"), parameters=given.get("parameters"), **asked)
     try:
-        return integrate(fault.model(), (0.0, fault.end), given["initial"], chosen)[0]
+        return trajectory_of(fault.model(), (0.0, fault.end), given["initial"], chosen)[0]
     except lg.StatementError as refusal:
         return str(refusal)
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.implicit import ImplicitMethod
@@ -17,6 +16,7 @@ from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.plan import Plan, Planned
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Trajectory
 
 NAMES = tuple(BUILT_IN)
@@ -55,7 +55,7 @@ UNCONSTRAINED = tuple(name for name in MOMENTA if name not in CONSTRAINED)
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
     """Return the trajectory from `start` to `end`."""
     progress = options.pop("progress", None)
-    return integrate(model, (start, end), initial, RunOptions(method, **options), progress=progress)[0]
+    return trajectory_of(model, (start, end), initial, RunOptions(method, **options), progress=progress)[0]
 
 
 def same(a: Trajectory, b: Trajectory) -> bool:

@@ -20,9 +20,9 @@ from lagrange.evidence.check import check
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.covering import Share
 from tests.models import TARGETS, build, x
@@ -153,7 +153,7 @@ def truth(name: str) -> Any:
 
 
 def go(model: Model, method: Any, **options: Any) -> Trajectory:
-    return integrate(model, (0.0, END), None, RunOptions(method, **options))[0]
+    return trajectory_of(model, (0.0, END), None, RunOptions(method, **options))[0]
 
 
 @pytest.mark.few(1)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.trajectory import integrate
+from lagrange.trajectory import run as runs
 from lagrange.trajectory.integrator import Problem
 
 x, y = lg.coordinates("x y")
@@ -59,14 +59,14 @@ def test_a_change_of_parameters_prepares_the_method_no_second_time(method: str) 
 def test_a_zero_that_rounding_leaves_ahead_of_a_segment_is_the_one_that_began_it(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_once, starts = integrate._run, list[float]()
+    run_once, starts = runs._run, list[float]()
 
     def with_rounding(integrator: Any, problem: Problem) -> lg.Trajectory:
         starts.append(problem.t0)
         before = len(starts) == 2
         return run_once(integrator, replace(problem, y0=problem.y0 - [2e-15, 0]) if before else problem)
 
-    monkeypatch.setattr(integrate, "_run", with_rounding)
+    monkeypatch.setattr(runs, "_run", with_rounding)
     run = spring.run(6.0, events=[doubling], method=method)
     assert starts[1] == starts[2] == run.t_events[0][0]
     assert [new for _, new in run.parameter_changes] == [{"k": 2.0}]

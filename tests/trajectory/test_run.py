@@ -15,9 +15,9 @@ import sympy as sp
 import lagrange as lg
 from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.statement.run_settings import DEFAULT_METHOD
-from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem, RunOptions, Tolerances
 from lagrange.trajectory.messages import coarse, message, unsolved
+from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, VALUES, build, k, m, model, x, y
 from tests.trajectory.runs import NAMES, run
@@ -39,18 +39,18 @@ def test_a_trajectory_has_its_start_its_end_and_its_shapes(name: str, target: st
 
 def test_the_values_of_all_parameters_come_back() -> None:
     compiled = build(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
-    _, values = integrate(compiled, (0, 1), {"x": 1}, RunOptions(parameters={"k": 5}))
+    _, values = trajectory_of(compiled, (0, 1), {"x": 1}, RunOptions(parameters={"k": 5}))
     assert {symbol.name: value for symbol, value in values.items()} == {"m": VALUES[m], "k": 5.0}
 
 
 def test_the_default_method_is_the_one_that_is_documented() -> None:
-    found, _ = integrate(model("oscillator"), (0.0, 1.0))
+    found, _ = trajectory_of(model("oscillator"), (0.0, 1.0))
     assert found.method == DEFAULT_METHOD == "taylor"
 
 
 @pytest.mark.parametrize("span", [(0, 1), [0.0, 1.0], np.array([0.0, 1.0]), (np.float64(0), np.int64(1))])
 def test_a_span_is_any_two_numbers(span: Any) -> None:
-    found, _ = integrate(model("oscillator"), span)
+    found, _ = trajectory_of(model("oscillator"), span)
     assert found.span == (0.0, 1.0)
 
 
