@@ -23,6 +23,10 @@ FAR = 12
 """Powers of ten of the units, from -FAR to FAR. The square of a length is in a constraint."""
 
 
+UNSCALED = "radau5-index2"
+"""Method whose unknowns are multipliers too, which Newton's method takes in the units of the system."""
+
+
 def rods(draw: random.Random, unit: tuple[float, float, float]) -> tuple[lg.System, float]:
     """Return one to three bodies on rods in Cartesian coordinates, half of them hanging but for one, and a time.
 
@@ -63,11 +67,17 @@ def ended(seed: int, unit: tuple[float, float, float], method: str, rtol: float)
 def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     draw = random.Random(1000 + seed)
     unit = (10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR))
-    method = draw.choice(ADAPTIVE)
+    method = draw.choice([name for name in ADAPTIVE if name != UNSCALED])
     expected = ended(seed, (1.0, 1.0, 1.0), "taylor", 1e-14)
     found = ended(seed, unit, method, 1e-7)
     # Runs of a tenth of a second to a second multiply the errors of steps by less than 1,000.
     assert found == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="the rows and columns of multipliers in Newton's matrix are not scaled")
+def test_multipliers_may_be_unknowns_in_all_units() -> None:
+    ended(27, (3e-12, 6e9, 10.0), UNSCALED, 1e-7)
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
