@@ -342,10 +342,14 @@ def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
 
 def in_symbols(names: Iterable[str], rotations: Iterable[str]) -> list[str]:
     """Return names of coordinates and velocities for a message, with R and R.body for the entries of quaternions."""
-    rotations = tuple(rotations)
-    entries_of = {f"{name}_{entry}{end}" for name in rotations for entry in ENTRIES for end in ("", "_dot")}
-    others = [name for name in names if name not in entries_of]
-    return [*others, *(text for name in rotations for text in (name, f"{name}.body"))]
+    known = symbols_of_entries(rotations)
+    return [*(name for name in names if name not in known), *dict.fromkeys(known.values())]
+
+
+def symbols_of_entries(rotations: Iterable[str]) -> dict[str, str]:
+    """Return R by the names of the entries of its quaternion, and R.body by those of their velocities."""
+    parts = (("", ""), ("_dot", ".body"))
+    return {f"{name}_{entry}{end}": f"{name}{of}" for name in rotations for end, of in parts for entry in ENTRIES}
 
 
 def is_scalar(coordinate: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from lagrange.errors import listing
 from lagrange.graph.node import Kind, reachable
+from lagrange.statement.rotation import symbols_of_entries
 from lagrange.trajectory.integrator import LEAST_ATOL, Problem, Tolerances
 from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -270,15 +271,22 @@ def row_names(problem: Problem) -> tuple[str, ...]:
 
 
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
-    """Return the entries of a state that are not finite, else those of its derivative: ``theta_dot is nan``."""
-    names = row_names(problem)
-    if bad := [f"{name} is {value}" for name, value in zip(names, y, strict=True) if not np.isfinite(value)]:
-        return _few(bad)
-    layout = problem.model.layout
-    rates = [f"the velocity of {name}" for name in layout.coordinates]
-    rates += [f"the acceleration of {name}" for name in layout.rates]
-    pairs = () if slope is None else zip(rates, slope, strict=True)
-    return _few([f"{rate} is {value}" for rate, value in pairs if not np.isfinite(value)])
+    """Return the entries of a state that are not finite, else those of its derivative: ``theta_dot is nan``.
+
+    Those of a quaternion count as one, of its rotation.
+    """
+    layout, known = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
+
+    def bad(names: Iterable[str], values: FloatArray) -> list[str]:
+        pairs = zip(names, values, strict=True)
+        return list(dict.fromkeys(f"{name} is {value}" for name, value in pairs if not np.isfinite(value)))
+
+    entries = bad((known.get(name, name) for name in layout.names()), y)
+    if entries or slope is None:
+        return _few(entries)
+    rates = [f"the velocity of {known.get(name, name)}" for name in layout.coordinates]
+    rates += [f"the acceleration of {known.get(name, name)}" for name in layout.rates]
+    return _few(bad(rates, slope))
 
 
 def largest(problem: Problem, y: FloatArray) -> str:

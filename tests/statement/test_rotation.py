@@ -267,6 +267,13 @@ def test_what_has_no_meaning_is_refused(case: str) -> None:
     assert len(str(refusal.value)) <= 400
 
 
+def test_a_root_of_the_rates_that_is_singular_is_named_by_the_rotation() -> None:
+    rates = R.body.dot(R.body)
+    run = top(forces={R.body: tuple(-rate / sympy.sqrt(rates) for rate in R.body)}).run(1.0)
+    assert "the acceleration of R is nan. Look for a division by zero" in run.message
+    assert "R_w" not in run.message
+
+
 def test_an_energy_that_is_not_quadratic_in_the_rates_has_no_moments_to_judge() -> None:
     rates = R.body.dot(R.body)
     assert lg.System(rates + sympy.sqrt(1 + 100 * R.body[0] ** 2)).check(points=1)

@@ -30,7 +30,9 @@ class Called:
 class Point:
     """A fake model: one coordinate x with the acceleration a(t, x, v)."""
 
-    statement = SimpleNamespace(names=("x",), parameters=(), lagrangian=Integer(0), dissipation=Integer(0), forces=())
+    statement = SimpleNamespace(
+        names=("x",), parameters=(), lagrangian=Integer(0), dissipation=Integer(0), forces=(), rotations=()
+    )
     layout = StateLayout(("x",), ("x",))
     equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph())
 

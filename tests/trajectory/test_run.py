@@ -189,7 +189,7 @@ def test_an_energy_that_overflows_at_the_end_is_spoken_of() -> None:
 ENTRIES = ("r", "phi")
 EQUATIONS = SimpleNamespace(accelerations=())
 MODEL: Any = SimpleNamespace(
-    statement=SimpleNamespace(names=ENTRIES), layout=StateLayout(ENTRIES, ENTRIES), equations=EQUATIONS
+    statement=SimpleNamespace(names=ENTRIES, rotations=()), layout=StateLayout(ENTRIES, ENTRIES), equations=EQUATIONS
 )
 PROBLEM = Problem(MODEL, {}, 1.0, -3.0, np.zeros(4), max_steps=7, max_wall=0.5)
 STATE = np.array([1.0, -2.0, 3e9, 4.0])
