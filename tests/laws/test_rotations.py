@@ -225,6 +225,15 @@ def test_a_step_of_munthe_kaas_is_one_in_local_coordinates() -> None:
         assert (np.abs(np.linalg.norm(y[:4], axis=0) - 1).max() < 1e-15) == kept
 
 
+def test_an_adaptive_tableau_in_local_coordinates_controls_its_steps() -> None:
+    system = body((1, 2, 3), (0.3, 1, 0.2))
+    exact = system.run(20.0, rtol=1e-14)[R][-1]
+    method = lg.methods.RungeKutta(lg.methods.Dopri5().tableau, law="local")
+    run = system.run(20.0, method=method, rtol=1e-9)
+    assert np.abs(run[R][-1] - exact).max() < 1e-8
+    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-15
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
 def test_munthe_kaas_moves_bodies_with_coordinates_and_constraints(name: str) -> None:
