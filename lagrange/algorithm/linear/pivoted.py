@@ -32,6 +32,10 @@ A constraint is solved for a coordinate before an inertia is, which may be that 
 """
 
 
+INDEFINITE = 2.0
+"""Entry beside a diagonal of ones above which a matrix is far from definite: the rows are scaled by it."""
+
+
 @inline
 def band_size(n: int, band: int) -> int:
     """Return the number of reals of a lower triangle within a band less than n."""
@@ -105,22 +109,27 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
     Diagonal entries become 1. The largest entry of a row without one becomes 1, first by the scaled columns, which
     scales constraints, then by all, which scales coordinates without inertia. `largest` is overwritten.
     """
-    nothing = 0.0
     for i in range(n):
         inertia = abs(a[i * band + i])
         scales[i] = 1.0 / math.sqrt(inertia) if inertia > 0.0 else 0.0
-    for _ in range(2):
+    nothing = largest_in_rows(n, band, a, scales, largest)
+    is_open = False
+    for i in range(n):
+        size = scales[i] * largest[i]
+        if scales[i] == 0.0:
+            is_open = is_open or largest[i] == 0.0
+            scales[i] = 1.0 / largest[i] if largest[i] > 0.0 else 0.0
+        elif size > INDEFINITE:
+            scales[i] /= math.sqrt(size)
+    if is_open:
         nothing = largest_in_rows(n, band, a, scales, largest)
         for i in range(n):
-            if scales[i] == 0.0 and largest[i] > 0.0:
-                scales[i] = 1.0 / largest[i]
-    for i in range(n):
-        if scales[i] == 0.0:
-            scales[i] = 1.0
-    nothing = largest_in_rows(n, band, a, scales, largest)
-    for i in range(n):
-        if largest[i] > 0.0:
-            scales[i] /= math.sqrt(scales[i] * largest[i])
+            if scales[i] == 0.0:
+                scales[i] = 1.0 / largest[i] if largest[i] > 0.0 else 1.0
+        nothing = largest_in_rows(n, band, a, scales, largest)
+        for i in range(n):
+            if largest[i] > 0.0:
+                scales[i] /= math.sqrt(scales[i] * largest[i])
     return nothing
 
 
