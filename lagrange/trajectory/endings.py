@@ -171,7 +171,7 @@ A crossing is a point where the least singular value of the constraints falls to
 def until_dependent(
     problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
 ) -> Trajectory:
-    """Return a run, cut at the first passed configuration after which rounding errors decide its motion."""
+    """Return a run, cut before the first configuration after which rounding errors decide its motion."""
     times, states = accepted
     stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
     passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)

@@ -78,14 +78,16 @@ def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a
         pytest.skip("rounding moves it off the constraints, onto which it is not projected")
     run = shared_scene("four-bar-change-point").run(2.0, method=method, rtol=rtol, check=False)
     if run.status is not lg.Status.SUCCESS:
+        # A step, of about 0.01, before the constraints have 1e-2 of their least singular value.
         assert run.status is lg.Status.SINGULAR and "'x'" in run.message, run.message
-        assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
+        assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.02
     angle, rate = reduced().at(run.t)
     # The angle is unstable: 1e4 is what errors of a step grow to, with SUNDIALS, which is not projected. Near a
-    # crossing angles are known to the root of rounding, and velocities are not known in the last 1e-4 s.
-    before = run.t < run.t[-1] - 1e-4
+    # crossing angles are known to the root of rounding, and a run ends where velocities, of size 7, are not known to
+    # the root of rtol.
     assert np.abs(run.y[0] - angle).max() < 1e4 * rtol + 2e-8
-    assert np.abs(run.y[3] - rate)[before].max() < 1e5 * rtol + 1e-7
+    known = 1e-7 if run.status is lg.Status.SUCCESS else 10 * np.sqrt(rtol)
+    assert np.abs(run.y[3] - rate).max() < 1e5 * rtol + known
     assert np.abs(run.y[1]).max() < 100 * rtol + 2e-8
 
 
@@ -124,7 +126,7 @@ def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, foun
     passed = dependent_passage(model, times, states, model.parameter_array(), rtol)
     assert (passed is not None) == found
     if passed is not None:
-        assert passed[0] == 10 and [row for row, _ in passed[1].rows] == [1]
+        assert passed[0] == 9 and [row for row, _ in passed[1].rows] == [1]
     assert dependent_passage(model, np.linspace(0.0, 2.0, len(times)), states, model.parameter_array(), rtol) is None
 
 
@@ -236,12 +238,12 @@ def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float
     """There the constraints are nearly dependent at the start; rounding may leave no way to go back on."""
     model = shared_scene("four-bar-change-point").compile(check=False)
     flow = lg.flow(model, method=method, rtol=rtol)
-    wanted, way = linkage_at(0.9), lg.integrate(model, (0.0, 1.0), method="dop853", rtol=1e-10)
+    wanted = linkage_at(0.9)
     for before in (1e-2, 1e-3, 1e-4):
         begin = 0.7220179 - before
         ended, reached = "", wanted
         try:
-            reached = flow(way.at(np.array([begin]))[:, 0], begin, 0.9)
+            reached = flow(linkage_at(begin), begin, 0.9)
         except lg.RunError as error:
             ended = str(error)
         # Without a step that succeeds there is none that was short.

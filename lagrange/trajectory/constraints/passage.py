@@ -2,7 +2,8 @@
 
 Two motions may cross at such a configuration: a parallelogram linkage continues as one, or with crossed rods. A step
 over the crossing follows the smooth motion. Short steps towards it do not: a violation e of the constraints, from
-rounding and the tolerance, separates the two motions by sqrt(e), and decides which one the run follows.
+rounding and the tolerance, separates the two motions by sqrt(e), and decides which one the run follows. At a least
+singular value s of the constraints, relative to the start, it changes velocities by the fraction e / s**2.
 """
 
 from __future__ import annotations
@@ -97,9 +98,10 @@ def dependent_passage(
     *,
     stopped: bool = False,
 ) -> tuple[int, Singular] | None:
-    """Return the row of times (S+1,) and states (S+1, 2n) with dependent constraints, and which ones, or None.
+    """Return the last row of times (S+1,) and states (S+1, 2n) before constraints are dependent, and which, or None.
 
-    It is the first such row among series of short steps. `start` is the start of the motion, if it is not the first
+    The constraints are dependent at a row among series of short steps, the first such. The row that is returned is the
+    last one before it with velocities known to sqrt(rtol). `start` is the start of the motion, if it is not the first
     row. In a motion that has `stopped`, only rows that it moved away from count: the last one may be where it ends.
     """
     count = len(times) - 1 - FIRST_STEPS
@@ -120,7 +122,7 @@ def dependent_passage(
             continue
         found = near.found(float(times[row]), states[row])
         if found is not None and found.motion is None and found.regularity <= bound:
-            return row, found
+            return near.last_known(times, states, row, rtol), found
     return None
 
 
@@ -193,6 +195,12 @@ class Nearness:
             if len(rows) == len(series):
                 return rows[place]
             series = range(rows[max(place - 1, 0)], (rows[place + 1] if place + 1 < len(rows) else series[-1]) + 1)
+
+    def last_known(self, times: FloatArray, states: FloatArray, row: int, rtol: float) -> int:
+        """Return the last row up to `row` where an error rtol of the constraints changes velocities by sqrt(rtol)."""
+        while row > 0 and self.at(times, states, [row])[0] < rtol**0.25:
+            row -= 1
+        return row
 
     def found(self, t: float, y: FloatArray) -> Singular | None:
         """Return the most dependent combination of constraints at a state (2n,), with scaled rows."""
