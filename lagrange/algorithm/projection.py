@@ -78,11 +78,23 @@ def project(
     return Outcome.UNPROJECTED, has_moved
 
 
-@procedure(apart=True, corrections=lambda: CORRECTIONS)
-def starts_on_constraints(corrections: Callable[..., Any], numbers: In, t: float, state: In, *, dimension: int) -> bool:
-    """Return whether a state violates its constraints by at most `MOST_AT_START`; see `project`."""
-    move = reals(dimension + 2 + MOST_WRITTEN_BEYOND)
+@procedure(apart=True, corrections=lambda: CORRECTIONS, state=lambda: state_array(1))
+def starts_on_constraints(
+    corrections: Callable[..., Any], numbers: In, t: float, state: Out, *, dimension: int, relations: bool
+) -> bool:
+    """Return whether a state violates its constraints by at most `MOST_AT_START`; see `project`.
+
+    With `relations`, velocities of coordinates of first order follow from them, and replace those of the state.
+    """
+    move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A singular matrix here is singular in the first step, which reports it.
     if corrections(t, state, numbers, move):
         return True
-    return move[dimension] <= MOST_AT_START
+    if not relations:
+        return move[dimension] <= MOST_AT_START
+    if not move[dimension + 2] <= MOST_AT_START:
+        return False
+    lost = reals(dimension)
+    lost[:dimension] = 0.0
+    outcome, _ = project(corrections, numbers, t, state, lost, dimension=dimension, block=1)
+    return outcome == Outcome.DONE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.trajectory import Status
 
 FIELD = 25
@@ -84,10 +85,10 @@ class _Portrait:
         model = runs.model
         self.runs, self.plane, self.base, self.time = runs, plane, base, time
         self.periodic = angles(model.statement)
+        self.driven = depends_on_time(model.statement)
+        self.alone = len(_free(model, {})) == 2 and not self.driven
         states = np.array([self.state(x, y) for x in plane[0].values[::6] for y in plane[1].values[::6]])
         scale = time_scale(model, states, runs.parameters, model.statement.run.t_end / PERIODS)
-        self.driven = depends_on_time(model.statement)
-        self.alone = len(model.statement.coordinates) == 1 and not self.driven
         periods = PERIODS if self.alone else FEW_PERIODS
         self.window = PlaneWindow(plane, self.periodic, periods * scale if reach is None else reach)
 
@@ -102,7 +103,7 @@ class _Portrait:
         states = np.repeat(self.base[:, None], len(x), axis=1)
         states[self.plane[0].row], states[self.plane[1].row] = x, y
         try:
-            found = self.runs.model.rhs(self.time, states, self.runs.parameters)
+            found = self._slopes(states)
         except RunError:
             # At some point the mass matrix is singular: the others are evaluated one by one.
             found = np.column_stack([self._rates_at(column) for column in states.T])
@@ -110,9 +111,14 @@ class _Portrait:
 
     def _rates_at(self, state: FloatArray) -> FloatArray:
         try:
-            return self.runs.model.rhs(self.time, np.ascontiguousarray(state), self.runs.parameters)
+            return self._slopes(state[:, None])[:, 0]
         except RunError:
             return np.full(len(state), np.nan)
+
+    def _slopes(self, states: FloatArray) -> FloatArray:
+        """Return dy/dt at states, (2n, k). Velocities of coordinates without inertia follow from the others."""
+        followed = with_rates(self.runs.model, self.time, states, self.runs.parameters)
+        return self.runs.model.rhs(self.time, followed, self.runs.parameters)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the places x (k,) and y (m,) of the arrows, and their rates u and v (m, k)."""
@@ -172,10 +178,11 @@ def portrait(
         )
     held = held_entries(runs.model, at, window)
     base = initial_of(runs.model, None)
+    base[_following(runs.model)] = 0.0
     for row, value in held.items():
         base[row] = value
     plane = default_plane(runs, base) if window is None else plane_of(statement, window, "window", FIELD)
-    free = [row for row in range(len(statement.state_names)) if row not in held]
+    free = _free(runs.model, held)
     if sorted(axis.row for axis in plane) != free:
         names = statement.state_names
         raise StatementError(
@@ -188,7 +195,8 @@ def portrait(
 
 def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
-    places, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if work.alone else ((), "")
+    single = work.alone and len(names) == 2
+    places, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
     places = tuple(place for place in places if plane[1].low <= 0.0 <= plane[1].high)
     branches: list[Separatrix] = []
     orbits: list[Orbit] = []
@@ -304,26 +312,48 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     held = {}
     for key, value in (at or {}).items():
         row = row_of(statement, key, "at")
+        if row in _following(model):
+            raise StatementError(
+                f"at holds {statement.state_names[row]}, which follows from the coordinates, since "
+                f"{statement.names[row - len(statement.names)]} has no inertia: leave it out."
+            )
         held[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
-    left = len(statement.state_names) - len(held)
-    if window is None and left == 2 and len(statement.coordinates) > 1:
-        free = [name for row, name in enumerate(statement.state_names) if row not in held]
+    free = [statement.state_names[row] for row in _free(model, held)]
+    if len(statement.names) == len(free) == 1 and not held:
         raise StatementError(
-            f"no window is given, and for a slice of {counted(len(statement.coordinates), 'coordinate')} there is no "
-            f"default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: (-5, 5)}}."
+            f"{free[0]} has no inertia, so that the state of {statement.name} is one number, which fills no plane: "
+            f"plot its motion in time, system.run(t_end).plot({free[0]!r})."
         )
-    if left != 2:
-        raise StatementError(_too_many(statement, left))
+    if window is None and len(free) == 2 and len(statement.coordinates) > 1:
+        what = f"{'a slice of ' if held else ''}{counted(len(statement.coordinates), 'coordinate')}"
+        raise StatementError(
+            f"no window is given, and for {what} there is no default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: "
+            "(-5, 5)}."
+        )
+    if len(free) != 2:
+        raise StatementError(_too_many(model, len(free)))
     return held
 
 
-def _too_many(statement: Statement, left: int) -> str:
+def _following(model: Model) -> list[int]:
+    """Return the rows of velocities that follow from the coordinates: those of coordinates without inertia."""
+    return [model.layout.v.start + i for i in model.equations.first_order]
+
+
+def _free(model: Model, held: Collection[int]) -> list[int]:
+    """Return the rows of the state that are neither held nor follow from others."""
+    return [row for row in range(model.layout.size) if row not in held and row not in _following(model)]
+
+
+def _too_many(model: Model, left: int) -> str:
     """Return the error for a plane that leaves entries of the state without a value."""
-    names = statement.state_names
+    statement = model.statement
+    names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)
     if n == 1:
         return f"at holds an entry of the state, and {statement.name} has two: leave it out."
-    others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k % n)
+    shown_axes = (0, n) if len(names) == 2 * n else (0, 1)
+    others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k not in shown_axes)
     return (
         f"{statement.name} has {counted(n, 'coordinate')}, and {counted(left, 'entry')} of its state "
         f"{'is' if left == 1 else 'are'} free: a portrait has two axes. Hold all others, as at={{{others}}}, or take a "

@@ -21,6 +21,7 @@ from lagrange.export.module import ExportedIntegrator, ExportedQuantity, Exporte
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
 from lagrange.graph import node
+from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.builder import Builder
@@ -35,6 +36,7 @@ from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
 from lagrange.statement.given.function import open_functions
 from lagrange.statement.parameters import label_of, table_of
+from lagrange.trajectory.constraints.consistent import complete_start
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import STEPS_UNDER_BRIEF_FORCE
@@ -219,7 +221,10 @@ def module_of(
         divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
-    integrators = tuple(_integrator(name, step, len(state), procedures, prune) for name, step in asked.methods)
+    relations = bool(model.equations.first_order)
+    integrators = tuple(
+        _integrator(name, step, len(state), procedures, prune, relations=relations) for name, step in asked.methods
+    )
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
@@ -249,7 +254,7 @@ def module_of(
             for one in quantities
         ),
         step_checks=tuple(step_check(one, p, statement) for one in integrators),
-        run=_run(model) if asked.main else None,
+        run=_run(model, np.array(values)) if asked.main else None,
         divisors=alone,
     )
 
@@ -298,6 +303,8 @@ def _integrator(
     dimension: int,
     procedures: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
+    *,
+    relations: bool,
 ) -> ExportedIntegrator:
     """Return the integrator of a method: one step, or a run with error control.
 
@@ -306,7 +313,10 @@ def _integrator(
     own, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law, **{one: procedures[one] for one in ("projection",) if one in procedures}}
     layout, control = Layout(step, dimension, block=1, projected="projection" in laws), step.control
-    form = one_step.form(layout=layout) if control is None else adaptive_run.form(layout=layout, control=control)
+    if control is None:
+        form = one_step.form(layout=layout, relations=relations)
+    else:
+        form = adaptive_run.form(layout=layout, control=control, relations=relations)
     about = f"{form.about} The method is {step.name}."
     made = replace(bound(form, laws, prefix=f"{own}_"), name=own, about=about)
     return ExportedIntegrator(own, about, prune(made), control is not None)
@@ -318,7 +328,8 @@ def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorPro
     Raises StatementError for a system with switching surfaces.
     """
     least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
-    return TaylorProcedures(model.series()[0].program, begin, least, projection)
+    relations = bool(model.equations.first_order)
+    return TaylorProcedures(model.series()[0].program, begin, least, projection, relations=relations)
 
 
 ABOUT = {
@@ -378,10 +389,11 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
             return tuple(f"event{k}" for k in range(len(program.outputs)))
 
 
-def _run(model: Model) -> ExportedRun:
+def _run(model: Model, parameters: FloatArray) -> ExportedRun:
     settings = model.statement.run
+    start = complete_start(model, 0.0, np.array(model.statement.initial), parameters)
     rtol = MAIN_RTOL if settings.rtol is None else min(MAIN_RTOL, settings.rtol)
-    return ExportedRun(model.statement.initial, settings.t_end, INTERVALS, rtol)
+    return ExportedRun(tuple(start.tolist()), settings.t_end, INTERVALS, rtol)
 
 
 # --- unknowns that a division gives: a zero divisor is tested separately

@@ -19,8 +19,9 @@ from lagrange.equations.singular import singular_sentence
 from lagrange.errors import RunError, StatementError, abridged, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
+from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
-from lagrange.machine.calls import Quick, column_of_zero, may_vanish, scalar, surely_finite
+from lagrange.machine.calls import Quick, column_of_zero, may_vanish, nothing, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
@@ -36,6 +37,12 @@ FUNCTIONS_KEPT = 64
 
 SERIES_KEPT = 16
 """Number of cached series with events, beside the series without events; each takes some 2 MB of machine code."""
+
+UNSET = 1e-2
+"""Violation of an equation of first order, relative to its terms, at which a velocity of zero was left out.
+
+Steps of loose tolerances violate it by some 1e-3.
+"""
 
 NO_QUANTITY = "{given} is not a quantity of a model: they are {known}."
 
@@ -174,14 +181,38 @@ class Model:
         return self._run("rhs", t, state, parameters)[self.layout.v]
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
+        """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
+
+        Velocities of coordinates without inertia follow from their equations: StatementError refuses zeros in their
+        place, since y would rest.
+        """
         found = self._quick_rhs(t, y) if parameters is None else None
-        return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
+        if found is not None:
+            return found
+        state = self._checked_state(y)
+        if self.equations.first_order:
+            self._check_rates(t, state, parameters)
+        return self._run("rhs", t, state, parameters)
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
         """Look up the quick call of the right-hand side, which replaces this method from then on."""
-        self._quick_rhs = self._quick["rhs"].whole
+        self._quick_rhs = nothing if self.equations.first_order else self._quick["rhs"].whole
         return self._quick_rhs(t, y)
+
+    def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
+        """Raise StatementError for zero velocities of coordinates without inertia that contradict their equations."""
+        rows = list(self.equations.first_order)
+        relations = self.equations.constraints.velocities[-len(rows) :]
+        residuals = self._call(self.function("relations", (*relations, *term_sizes(relations))), t, state, parameters)
+        off = (np.abs(residuals[: len(rows)]) > UNSET * residuals[len(rows) :]).any(axis=0)
+        zero = (state[1][rows] == 0.0) & off
+        if zero.any():
+            name = self.statement.names[rows[int(np.argmax(zero.reshape(len(rows), -1).any(axis=1)))]]
+            raise StatementError(
+                f"{name} has no inertia, and its velocity in y is 0, which contradicts its equation of motion. Start "
+                f"from model.as_scipy().y0(initial), which has the velocities that follow from the coordinates, or use "
+                "its .fun(t, y)."
+            )
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""

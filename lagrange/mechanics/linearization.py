@@ -524,6 +524,13 @@ def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
         return mass.LUsolve(left)
     determinant = here.short(mass.det(method="berkowitz"))
     if determinant == 0:
+        names = [here.statement.names[i] for i in here.equations.first_order]
+        if names:
+            raise StatementError(
+                f"this point is not an equilibrium of {here.statement.name}, and {listing(names)} "
+                f"{'has' if len(names) == 1 else 'have'} no inertia, so that the rest there does not last: give an "
+                "equilibrium, such as one of system.equilibria()."
+            )
         raise StatementError(
             f"the mass matrix of {here.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."

@@ -20,7 +20,7 @@ from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import is_zero, number, numeric, rational_below, root_of_square, simplest, size
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.notebook_page import ShownAsPage
 
 LARGEST_SYMBOLIC = 4
@@ -72,6 +72,20 @@ class Modes(ShownAsPage):
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
 
+def check_first_order(lin: Linearization, name: str) -> None:
+    """Raise StatementError for coordinates without inertia, which have no vibrations."""
+    names = [name_of(q) for k, q in enumerate(lin.velocity_coordinates) if lin.M[k, :].is_zero_matrix]
+    if not names:
+        return
+    what = f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so that {name} has no modes"
+    if lin.first_order:
+        raise StatementError(f"{what}: its motions decay or grow at the eigenvalues of linearize(...).A.")
+    raise StatementError(
+        f"{what} of vibration alone: linearize(...) has the matrices of M x'' + C x' + K x = 0, whose exponents s make "
+        "det(M*s**2 + C*s + K) zero."
+    )
+
+
 @dataclass(frozen=True)
 class _Root:
     """A frequency, its decay, and `value`: w^2 without damping, else the eigenvalue s whose shape is computed."""
@@ -92,6 +106,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             "gives the matrices."
         )
     if not has_inertia(lin):
+        check_first_order(lin, statement.name)
         raise StatementError(
             f"the mass matrix of {statement.name} is singular at this point: state the modes in coordinates that are "
             "regular there."

@@ -9,6 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
 from lagrange.page.computed_motion import MOST_STEPS, TOLERANCE, motion_source
@@ -31,6 +33,7 @@ from lagrange.page.sliders import sliders
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.declare import initial_state
+from lagrange.trajectory.constraints.consistent import complete_start
 
 
 def write_page(
@@ -64,14 +67,15 @@ def page_of(
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end
-    start = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
+    state = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     values = tuple(float(value) for value in model.parameter_array(parameters))
-    found = sliders(model, values, start, asked)
+    start = complete_start(model, 0.0, state, np.array(values))
+    found = sliders(model, values, tuple(start.tolist()), asked)
     motion = motion_source(model, parameters)
     data = description(statement, rate_of(end), ENERGIES[: 1 if statement.lagrangian_alone else 3])
     data |= {
         "parameters": list(motion.parameters),
-        "initial": list(start),
+        "initial": start.tolist(),
         "sliders": [{key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in found],
         "tolerance": TOLERANCE,
         "most_steps": MOST_STEPS,

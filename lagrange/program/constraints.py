@@ -37,7 +37,8 @@ def projection(equations: Equations) -> Named:
 
     Both are relative to the sizes of the terms. The violation is that of the worst constraint; the remainder is the sum
     over all constraints of the second-order term along the corrections. Near a configuration where constraints become
-    dependent the corrections are large, and the remainder may exceed the violation.
+    dependent the corrections are large, and the remainder may exceed the violation. With coordinates of first order the
+    violation of the stated constraints follows, without that of their relations: at a start they give velocities.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -58,10 +59,15 @@ def projection(equations: Equations) -> Named:
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
     sizes = term_sizes(values)
     shares, rest = (_shares(part, sizes) for part in (values, left))
-    violation = reduce(lambda a, b: graph.call("max", a, b), shares)
+
+    def worst(of: Sequence[Node]) -> Node:
+        return reduce(lambda a, b: graph.call("max", a, b), of, zero)
+
     # A sum, and not a maximum: it is NaN if one of its terms is.
     remainder = graph.sum([(1, share) for share in rest])
-    return {"coordinates": moved, "velocities": turned, "violation": [violation], "remainder": [remainder]}
+    found = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
+    relations = len(equations.first_order)
+    return found | {"stated": [worst(shares[:-relations])]} if relations else found
 
 
 def projection_program(equations: Equations) -> Program:

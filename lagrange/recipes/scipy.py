@@ -129,7 +129,9 @@ class ScipyProblem:
     def fun(self, t: float, y: Any) -> FloatArray:
         """Return dy/dt, (2n,), or (2n, k) for columns of states. Raises RunError where the mass matrix is singular."""
         found = None if self.inputs else self._quick["rhs"].whole(t, y)
-        return self.model.rhs(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
+        if found is not None:
+            return found
+        return self.model.called(self.model.kernel("rhs"), t, y, at_time(self.parameters, self.inputs, t))
 
     def jac(self, t: float, y: Any) -> FloatArray:
         """Return the Jacobian of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
@@ -149,14 +151,11 @@ class ScipyProblem:
         """Return an initial state (2n,) at time t: the initial state of the statement, overlaid with a dict.
 
         With constraints it is projected onto them if it misses them by rounding. Raises StatementError if it misses
-        them by more.
+        them by more. Velocities of coordinates without inertia are computed if they are zero.
         """
         statement, time = self.model.statement, real_number(t, "the time t")
         found = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
-        state = np.array(found)
-        if not statement.constraints:
-            return state
-        return consistent_start(self.model, time, state, at_time(self.parameters, self.inputs, time))
+        return consistent_start(self.model, time, np.array(found), at_time(self.parameters, self.inputs, time))
 
     def arguments(
         self,

@@ -52,8 +52,9 @@ class TaylorProcedures:
     """The integrator of a series program whose numbers stand from `begin` on in the prepared array.
 
     The run takes at least `steps_at_least` steps. `projection` are the corrections of a state onto its constraints, see
-    `CORRECTIONS`, from the same array. With `watches` the series has event functions, for callers of its parts. Raises
-    StatementError for a system with switching surfaces.
+    `CORRECTIONS`, from the same array; with `relations` some constraints are those of coordinates of first order. With
+    `watches` the series has event functions, for callers of its parts. Raises StatementError for a system with
+    switching surfaces.
     """
 
     program: SeriesProgram
@@ -61,6 +62,7 @@ class TaylorProcedures:
     steps_at_least: int = 0
     projection: Procedure | None = None
     watches: bool = False
+    relations: bool = False
 
     def __post_init__(self) -> None:
         if self.program.sides or (self.program.watched and not self.watches):
@@ -150,7 +152,8 @@ class TaylorProcedures:
         y, prepared = p.array("y", size=n), p.array("p", read=True)
         rtol, atol, most = p.given("rtol", REAL), p.given("atol", REAL), p.given("max_steps", WHOLE)
         if self.projection is not None:
-            near = bound(starts_on_constraints.form(dimension=n), {"corrections": self.projection}, prefix="taylor_")
+            start = starts_on_constraints.form(dimension=n, relations=self.relations)
+            near = bound(start, {"corrections": self.projection}, prefix="start_" if self.relations else "taylor_")
             p.leave_if(~p.call(near, prepared, time[0], y), Outcome.UNPROJECTED)
         work = p.reserve(layout.size(self.highest), room=BLOCK, name="work")
         asked = p.choose(rtol < SMALLEST_RTOL, SMALLEST_RTOL, rtol).called("asked")

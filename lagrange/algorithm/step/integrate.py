@@ -45,13 +45,13 @@ def state_array(layout: Layout) -> Array:
 
 
 @procedure(of=functions_of, y=state_array)
-def one_step(of: Functions, t: float, h: float, y: Out, p: In, *, layout: Layout) -> Outcome:
+def one_step(of: Functions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
     """Replace y by the state after a step of length h from t, and return an outcome.
 
     The state is replaced if the new one is finite, and the state and its projection are on the constraints.
     """
     n = layout.dimension
-    if is_off_constraints(of, t, y, p, n):
+    if is_off_constraints(of, t, y, p, n, relations):
         return Outcome.UNPROJECTED
     given = begin(of, y, p, layout)
     work = given.work
@@ -79,9 +79,11 @@ def one_step(of: Functions, t: float, h: float, y: Out, p: In, *, layout: Layout
 
 
 @inline
-def is_off_constraints(of: Functions, t: float, y: In, p: In, n: int) -> bool:
+def is_off_constraints(of: Functions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
     """Return whether a state is off the constraints: it would start another motion."""
-    return of.projection is not None and not starts_on_constraints(of.projection, p, t, y, dimension=n)
+    return of.projection is not None and not starts_on_constraints(
+        of.projection, p, t, y, dimension=n, relations=relations
+    )
 
 
 @inline
@@ -106,13 +108,14 @@ def adaptive_run(
     *,
     layout: Layout,
     control: Control,
+    relations: bool,
 ) -> Outcome:
     """Run from y at t[0] to t_end; both become those where it ends. Return an outcome.
 
     An entry may err by rtol times its size + atol at a step. The outcome is PAUSED after `max_steps` trials.
     """
     n = layout.dimension
-    if is_off_constraints(of, t[0], y, p, n):
+    if is_off_constraints(of, t[0], y, p, n, relations):
         return Outcome.UNPROJECTED
     given, times, rows = begin(of, y, p, layout), reals(1), reals(1)
     run, floors = given.run, given.floors

@@ -112,6 +112,37 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
     return projection.of(y) if projection.off(y) else y
 
 
+def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return `consistent_start` with coordinates of first order, whose velocities follow from others; else the state.
+
+    Systems without such coordinates are exported with their initial state as stated.
+    """
+    return consistent_start(model, t, y, parameters) if model.equations.first_order else y
+
+
+MOST_CORRECTIONS = 20
+"""Largest number of Newton corrections of velocities. Equations linear in them take one."""
+
+
+def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return states (2n, k) with the velocities of coordinates without inertia that follow from the other entries.
+
+    The system has no other constraints. Columns without such velocities are NaN. Raises RunError where an equation
+    determines none.
+    """
+    if not model.equations.first_order:
+        return y
+    y, corrections, size = y.copy(), model.law("projection"), model.layout.size
+    for _ in range(MOST_CORRECTIONS):
+        found = model.called(corrections, t, y, parameters)
+        off = found[size] > ON_SURFACE
+        if not off.any():
+            break
+        y[:, off] += found[:size, off]
+    y[:, ~(found[size] <= ON_SURFACE)] = np.nan
+    return y
+
+
 def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
     """Return a warning for a run of a duration that ends at a state which violates a constraint, or ""."""
     residuals = residuals_of(model)

@@ -68,12 +68,23 @@ class Projection:
         alone[rows] = True
         found = self.solved_for(rows.tolist(), y)
         if found is None:
+            found = self._beside_rest(rows, y)
+        if found is None:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
                 f"{names}, without inertia, {'has' if len(rows) == 1 else 'have'} no velocities at the initial state "
                 f"({self.place(y)}) that satisfy the equations of motion, of first order: give another state."
             )
         return np.where(alone & (y == 0.0), found, y)
+
+    def _beside_rest(self, rows: NDArray[np.int_], y: FloatArray) -> FloatArray | None:
+        """Return the same from velocities beside zero, where equations such as 1 - e = abs(e.dot)*e.dot have no slope.
+
+        The result is None if there are several solutions.
+        """
+        starts = (np.where(np.isin(np.arange(len(y)), rows) & (y == 0.0), sign, y) for sign in (1.0, -1.0))
+        ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
+        return ends[0] if ends and np.allclose(ends[0], ends[-1], rtol=ROUNDING, atol=0.0) else None
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
         """Return a state with the entries in `rows` solved from the others, or None if these do not determine them."""

@@ -1,0 +1,145 @@
+"""States of first order, whose velocities follow from the coordinates, wherever a motion starts from zeros."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from tests.export.test_c import run
+from tests.models import k, phi, x, y
+
+e, i = lg.coordinates("e i")
+J, L, R, u = lg.parameters("J L R u")
+
+
+def lowpass(**given: Any) -> lg.System:
+    """Return e' = 1 - e, which rises to 1 from zero."""
+    return lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2, name="lowpass", **given)
+
+
+def motor() -> lg.System:
+    return lg.System(
+        kinetic=J * phi.dot**2 / 2,
+        coordinates=[phi, i],
+        forces={phi: k * i, i: u - R * i - k * phi.dot},
+        dissipation=L * i.dot**2 / 2,
+        parameters={J: 0.01, L: 0.5, R: 1.0, k: 0.1, u: 12.0},
+        name="motor",
+    )
+
+
+def rabbits() -> lg.System:
+    """Return Lotka's and Volterra's equations, which go round (1, 1)."""
+    forces = {x: x * (1 - y), y: y * (x - 1)}
+    return lg.System(kinetic=0, coordinates=[x, y], forces=forces, dissipation=(x.dot**2 + y.dot**2) / 2)
+
+
+def test_scipy_starts_with_the_velocities_that_follow() -> None:
+    problem = motor().compile(check=False).as_scipy()
+    assert problem.y0().tolist() == pytest.approx([0.0, 0.0, 0.0, 24.0])
+    found = solve_ivp(**problem.arguments((0, 2), rtol=1e-9, atol=1e-9)).y[:, -1]
+    assert found == pytest.approx(motor().run(2.0).y[:, -1], rel=1e-6)
+
+
+@pytest.mark.parametrize("target", ["numpy", "llvm"])
+def test_a_velocity_of_zero_that_contradicts_its_equation_is_refused(target: str) -> None:
+    model = lowpass().compile(target, check=False)
+    with pytest.raises(StatementError, match=r"e has no inertia, and its velocity in y is 0, which contradicts"):
+        model.rhs(0.0, [0.0, 0.0])
+    with pytest.raises(StatementError, match=r"Start from model.as_scipy"):
+        model.rhs(0.0, [[1.0, 0.0], [0.0, 0.0]])
+    # At rest in equilibrium, and where a velocity was given.
+    assert model.rhs(0.0, [1.0, 0.0]).tolist() == [0.0, 0.0]
+    assert model.rhs(0.0, [0.0, 1.0]).tolist() == [1.0, -1.0]
+
+
+def test_velocities_are_found_where_their_equation_has_no_slope_at_rest() -> None:
+    system = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=abs(e.dot) ** 3 / 3)
+    # e'**2 = 1 - e, so that e = 1 - (1 - t/2)**2.
+    assert system.run(1.0)[e][-1] == pytest.approx(0.75, abs=1e-9)
+
+
+def test_velocities_with_two_solutions_are_not_chosen() -> None:
+    system = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**3 / 3)
+    with pytest.raises(StatementError, match=r"e, without inertia, has no velocities at the initial state"):
+        system.run(1.0)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
+def test_exported_integrators_start_from_coordinates_alone(method: str, tmp_path: Path) -> None:
+    made = lowpass().export("c", tmp_path, [method, "main"])
+    for command in made.commands:
+        told = run(command, tmp_path)
+    assert told.endswith("results are right\n")
+    call = "0.0, 0.01, y, p" if method == "rk4" else "t, 0.01, y, p, 1e-12, 1e-12, 100000"
+    (tmp_path / "start.c").write_text(f"""\
+#include <stdio.h>
+#include "lowpass.h"
+int main(void) {{
+    double p[LOWPASS_PREPARED], t[] = {{0.0}}, y[] = {{0.0, 0.0}};
+    lowpass_prepare(lowpass_default_parameters, p);
+    (void)t;
+    int status = (int)lowpass_{method}({call});
+    printf("%d %.17g %.17g", status, y[0], y[1]);
+    return 0;
+}}
+""")
+    run("cc -O1 -o start start.c lowpass.c -lm", tmp_path)
+    done = run("./start", tmp_path)
+    # The error of a step of rk4 is its length to the power of 5 over 120.
+    assert [float(word) for word in done.split()] == pytest.approx([0, 1 - np.exp(-0.01), np.exp(-0.01)], abs=1e-11)
+
+
+def test_pages_and_tables_of_main_start_with_the_velocities_that_follow(tmp_path: Path) -> None:
+    page = motor().to_page(tmp_path / "motor.html").read_text("utf-8")
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None and json.loads(found.group(1))["initial"] == pytest.approx([0.0, 0.0, 0.0, 24.0])
+
+
+def test_the_portrait_of_two_states_of_first_order_is_a_plane() -> None:
+    found = lg.phase_portrait(rabbits(), window={x: (0.1, 3), y: (0.1, 3)}, starts=[{x: 1.5, y: 1.0}])
+    orbit = found.orbits[0]
+    assert orbit.closed
+    rounds = orbit.states[:, 0] - np.log(orbit.states[:, 0]) + orbit.states[:, 1] - np.log(orbit.states[:, 1])
+    assert rounds == pytest.approx(rounds[0], abs=1e-9)
+    places, heights = np.meshgrid(found.x, found.y)
+    assert found.u == pytest.approx(places * (1 - heights), abs=1e-12)
+    assert found.v == pytest.approx(heights * (places - 1), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("system", "arguments", "says"),
+    [
+        (lowpass, {}, "e has no inertia, so that the state of lowpass is one number, which fills no plane"),
+        (lowpass, {"at": {e.dot: 0}}, "at holds e_dot, which follows from the coordinates, since e has no inertia"),
+        (rabbits, {}, "no window is given, and for 2 coordinates there is no default"),
+        (motor, {}, "3 entries of its state are free.*Hold all others, as at=\\{'phi_dot': 0\\}"),
+    ],
+)
+def test_portraits_without_a_plane_are_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
+    with pytest.raises(StatementError, match=says):
+        lg.phase_portrait(system(), **arguments)
+
+
+def test_modes_and_linear_equations_name_the_states_without_inertia() -> None:
+    both = lg.System(
+        x.dot**2 / 2, x**2 / 2, coordinates=[x, e], forces={e: x - e}, dissipation=e.dot**2 / 2, name="both"
+    )
+    with pytest.raises(StatementError, match=r"not an equilibrium of lowpass, and e has no inertia.*equilibria"):
+        lowpass().modes()
+    with pytest.raises(
+        StatementError, match=r"e has no inertia, so that lowpass has no modes: its motions decay or gro"
+    ):
+        lowpass().modes({e: 1})
+    with pytest.raises(StatementError, match=r"e has no inertia.*det\(M\*s\*\*2 \+ C\*s \+ K\) zero"):
+        both.modes()
