@@ -29,6 +29,7 @@ class Structure:
     - `constraints`: their names; `nonlinear`: names of those that are not linear in the velocities.
     - `workless`: constraint forces do no work.
     - `first_order`: coordinates without inertia.
+    - `freedoms`: the number of velocities, three of each rotation: the length of its quaternion does not count.
     """
 
     names: tuple[str, ...]
@@ -42,6 +43,7 @@ class Structure:
     nonlinear: tuple[str, ...]
     workless: bool
     first_order: tuple[int, ...]
+    freedoms: int
     decisions: Decisions
 
     @property
@@ -105,11 +107,11 @@ class Structure:
         count = len(self.constraints)
         if not count:
             return []
-        free = len(self.names) - count
+        free = self.freedoms - count
         verb = "constraint {} leaves" if count == 1 else "constraints {} leave"
         work = f" {'Its' if count == 1 else 'Their'} forces do no work." if self.workless else ""
         sentences = [
-            f"The {verb.format(listing(self.constraints))} {free or 'none'} of {len(self.names)} velocities free.{work}"
+            f"The {verb.format(listing(self.constraints))} {free or 'none'} of {self.freedoms} velocities free.{work}"
         ]
         for name in self.nonlinear:
             sentences.append(
@@ -183,6 +185,7 @@ def find_structure(
         nonlinear=constraints.nonlinear,
         workless=constraints.workless,
         first_order=first_order,
+        freedoms=len(laws.q) - len(statement.rotations),
         brief=any(_is_brief(node) for node in reachable([laws.lagrangian, *laws.extra], laws.time.depends)),
         decisions=Decisions(statement, laws),
     )

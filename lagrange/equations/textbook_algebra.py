@@ -253,7 +253,10 @@ class TextbookAlgebra(StatedAlgebra):
         rows = []
         for constraint in self.statement.constraints:
             zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v
-            rows.append([self.algebra.merge_angles(self.algebra.differentiate(zero, symbol)) for symbol in symbols])
+            row = [self.algebra.differentiate(zero, symbol) for symbol in symbols]
+            for turn in self.turns if constraint.holonomic else ():
+                row[turn.place] = self.turned(zero, turn)
+            rows.append(list(map(self.algebra.merge_angles, row)))
         return rows
 
     @cached_property

@@ -66,7 +66,11 @@ class _Body:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))
         self.w = [graph.symbol(str(f), Binding.VELOCITY) for f in each.body]
         self.entries = [graph.symbol(str(f), Binding.CONFIGURATION) for f in each.matrix]
-        self.leaves = dict(zip((*each.body, *each.matrix), (*self.w, *self.entries), strict=True))
+        turned = [
+            graph.sum([(1, e * rate) for e, rate in zip(self.entries[i:], self.w, strict=False)]) for i in (0, 3, 6)
+        ]
+        known = (*self.w, *self.entries, *turned)
+        self.leaves = dict(zip((*each.body, *each.matrix, *each.space), known, strict=True))
         (w, i, j, k), (a, b, c), half = q, self.w, Fraction(1, 2)
         rows = (
             [(-i, a), (-j, b), (-k, c)],
@@ -112,7 +116,7 @@ def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> T
     `leaves` maps coordinates, velocities, time and parameters to nodes of the graph.
     """
     read = statement.reading
-    if read is None or statement.constraints:
+    if read is None or read.constraints:
         return None
     rotations = list(map(rotation_of, statement.rotations))
     bodies = [_Body(graph, each, leaves) for each in rotations]

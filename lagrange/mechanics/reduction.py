@@ -42,7 +42,7 @@ def rewritten(
     velocity.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
-    held = statement.constraints if constraints is None else constraints
+    left = {one.name for one in (statement.constraints if constraints is None else constraints)}
     read = read_with(statement, chosen)
     if forces is None:
         forces = {key: put(force) for key, force in read.applied.items()}
@@ -58,7 +58,7 @@ def rewritten(
         coordinates=chosen,
         forces={q: force for q, force in forces.items() if force != 0},
         dissipation=put(read.dissipation),
-        constraints={one.name: put(one.expression) for one in held},
+        constraints={one.name: put(one.expression) for one in read.constraints if one.name in left},
         redundant=statement.redundant,
         parameters=parameters,
         initial=initial,

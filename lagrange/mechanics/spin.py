@@ -38,7 +38,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     A system with rotations has it in small turns, unless constraints hold it at rest. Raises StatementError for a
     singular mass matrix.
     """
-    if system.statement.reading is None:
+    if system.statement.reading is None or system.statement.constraints:
         return in_coordinates(system, at, inputs)
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)

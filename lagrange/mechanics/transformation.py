@@ -417,7 +417,8 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
     values = _momentum_values(routh)
     made = _without_ignored(routh, statement, values)
     _check_routhian(routh, model)
-    if (read := statement.reading) is not None:
+    if statement.reading is not None:
+        read = statement.as_read
         places = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
         in_turns = Routh(PlainForm(read), places, routh.symbols)
         made = replace(made, reading=_without_ignored(in_turns, statement, values).reading)
@@ -446,7 +447,7 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
         coordinates=left,
         forces={q: put(force) for q, force in form.statement.applied.items() if q not in gone and force != 0},
         dissipation=form.written(form.read(form.statement.dissipation).xreplace(routh.gone)),
-        constraints={one.name: one.expression for one in statement.constraints},
+        constraints={one.name: one.expression for one in form.statement.constraints},
         redundant=statement.redundant,
         parameters={p: statement.defaults.get(p) for p in statement.parameters} | dict(values),
         initial={key: start[key] for q in left for key in (q, velocity_of(q))},

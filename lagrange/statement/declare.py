@@ -86,7 +86,7 @@ def declare(
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
-    moving, checked = dict.fromkeys(survey.velocities), declare_constraints(constraints, survey)
+    moving, checked = dict.fromkeys(survey.velocities), _declare_constraints(zeros := _typed_zeros(constraints), survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
@@ -114,14 +114,17 @@ def declare(
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
     )
-    statement = _with_rotations(statement, typed, forces, dissipation).mapped(partial(_unified, unify))
+    statement = _with_rotations(statement, typed, forces, dissipation, zeros).mapped(partial(_unified, unify))
     return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
-def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any) -> Statement:
+def _with_rotations(
+    statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any, zeros: Mapping[str, Any]
+) -> Statement:
     """Return a statement with the inertia of its rotations along their lengths, and as people read it.
 
-    `typed` are the energies by name, `forces` and `dissipation` what the user gave.
+    `typed` are the energies by name, `forces` and `dissipation` what the user gave, and `zeros` the expressions of the
+    constraints by name, as typed.
     """
     kinetic, names = with_length(statement.kinetic, statement.coordinates)
     if not names:
@@ -130,9 +133,11 @@ def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any,
         check_moments(kinetic, name, statement.defaults)
     lagrangian = statement.lagrangian + kinetic - statement.kinetic
     whole = replace(statement, kinetic=kinetic, lagrangian=lagrangian, rotations=names)
-    parts = None if statement.constraints else reading(typed, forces, dissipation, statement.coordinates, names)
+    parts = reading(typed, forces, dissipation, zeros.values(), statement.coordinates, names)
     if parts is None:
         return whole
+    held = zip(statement.constraints, parts["constraints"], strict=True)
+    parts["constraints"] = tuple(replace(one, expression=zero) for one, zero in held)
     values = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     about = " ".join([*([statement.about] if statement.about else []), *(explanation(name, values) for name in names)])
     start = start_in_turns(names, parts["coordinates"], values)
@@ -472,23 +477,29 @@ def _has_length(value: Any, *lengths: int) -> bool:
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
 
 
-def declare_constraints(given: Any, survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints of a list, or of a dict by name, and add their symbols and functions to the survey.
+def _typed_zeros(given: Any) -> dict[str, Any]:
+    """Return the expressions that are zero, as typed, of the constraints in a list, or in a dict by name.
 
     In a list they are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
-    equation or an expression, or that contains no coordinate.
+    equation or an expression.
     """
-    constraints: dict[str, Constraint] = {}
-    for name, stated in _named_constraints(given):
-        what = f"constraint {name!r}"
-        zero = _zero_of(stated, what)
-        leaves = Survey()
+    return {name: _zero_of(stated, f"constraint {name!r}") for name, stated in _named_constraints(given)}
+
+
+def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
+    """Return the constraints of expressions by name, and add their symbols and functions to the survey.
+
+    Raises StatementError for one that contains no coordinate.
+    """
+    constraints = []
+    for name, typed in zeros.items():
+        what, zero, leaves = f"constraint {name!r}", in_full(typed), Survey()
         leaves.add(zero, what)
         survey.add(zero, what)
         if not leaves.coordinates:
             raise StatementError(_no_coordinates(what, zero))
-        constraints[name] = Constraint(name, zero, not leaves.velocities)
-    return tuple(constraints.values())
+        constraints.append(Constraint(name, zero, not leaves.velocities))
+    return tuple(constraints)
 
 
 def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
@@ -508,9 +519,9 @@ def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _zero_of(stated: Any, what: str) -> Any:
-    """Return the expression that is zero: the expression itself, or left minus right side of an equation."""
+    """Return the expression that is zero, as typed: the expression itself, or left minus right side of an equation."""
     if isinstance(stated, sympy.Eq):
-        return expression(stated.lhs, f"the left side of {what}") - expression(stated.rhs, f"the right side of {what}")
+        return as_typed(stated.lhs, f"the left side of {what}") - as_typed(stated.rhs, f"the right side of {what}")
     if isinstance(stated, (BooleanAtom, bool)):
         verdict = "always true: it constrains nothing. Leave it out" if stated else "never true: no motion satisfies it"
         raise StatementError(f"{what} is {verdict}. Where == was meant, write sympy.Eq(left, right).")
@@ -521,7 +532,7 @@ def _zero_of(stated: Any, what: str) -> Any:
         )
     if isinstance(stated, TEXTS):
         raise StatementError(f"{what} is the text {shown(stated, 60)}: give a SymPy expression that is zero, or an Eq.")
-    return expression(stated, what)
+    return as_typed(stated, what)
 
 
 def _no_coordinates(what: str, zero: Any) -> str:

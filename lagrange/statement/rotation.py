@@ -398,17 +398,21 @@ def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
 
 
 def reading(
-    energies: Mapping[str, Any], forces: Any, dissipation: Any, coordinates: Sequence[Any], names: Sequence[str]
+    energies: Mapping[str, Any],
+    forces: Any,
+    dissipation: Any,
+    zeros: Iterable[Any],
+    coordinates: Sequence[Any],
+    names: Sequence[str],
 ) -> dict[str, Any] | None:
-    """Return the parts of a statement in turns of the body and entries of R, as a derivation writes them.
+    """Return the parts of a statement in turns of the body, entries of R and rates, as a derivation writes them.
 
-    `energies` are L, or T and V. They, `forces` and `dissipation` are as typed. Returns None if they contain an entry
-    of a quaternion.
+    `energies` are L, or T and V. They, `forces`, `dissipation` and the expressions of constraints, `zeros`, are as
+    typed. Returns None if they contain an entry of a quaternion.
     """
     turned = list(map(rotation_of, names))
     known: dict[Any, Any] = {}
     for each in turned:
-        known |= dict(zip(each.space, each.matrix * each.body, strict=True))
         moved = each.matrix * cross_matrix(each.body)
         known |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
     quaternions = {q for each in turned for q in each.quaternion}
@@ -426,7 +430,8 @@ def reading(
     potential = rest[0] if rest else sympy.S.Zero
     drag = as_typed(dissipation, "the dissipation").xreplace(known)
     applied = tuple(force.xreplace(known) for force in table.values())
-    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied)):
+    held = tuple(zero.xreplace(known) for zero in zeros)
+    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied, *held)):
         return None
     return {
         "kinetic": kinetic,
@@ -435,6 +440,7 @@ def reading(
         "coordinates": tuple(places),
         "dissipation": drag,
         "forces": applied,
+        "constraints": held,
         "entries": tuple(tuple(each.matrix) for each in turned),
     }
 
@@ -455,10 +461,16 @@ def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> di
     return solved
 
 
-def shorter(formula: Any, names: Iterable[str]) -> Any:
-    """Return an expression with the columns of rotations orthogonal and of length one, if that makes it shorter."""
-    known = {}
-    for each in map(rotation_of, names):
+def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
+    """Return an expression with rates about the axes of the body in place of those about the axes of space.
+
+    The columns of rotations are orthogonal and of length one, if that makes it shorter.
+    """
+    rotations, known = list(map(rotation_of, names)), {}
+    formula = formula.xreplace(
+        {rate: turned for each in rotations for rate, turned in zip(each.space, each.matrix * each.body, strict=True)}
+    )
+    for each in rotations:
         for i in range(3):
             for j in range(i, 3):
                 (a, b, c), (d, e, f) = each.matrix[:, i], each.matrix[:, j]

@@ -15,7 +15,7 @@ from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, along, gap
 from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.rotation import shorter
+from lagrange.statement.rotation import in_body_rates
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 
@@ -153,10 +153,10 @@ class Statement:
 
     @cached_property
     def as_read(self) -> Statement:
-        """The statement as people read it: in turns of the bodies if it has rotations, else itself."""
+        """The statement as people read it: in turns and rates of the bodies if it has rotations, else itself."""
         if self.reading is None:
             return self
-        return self.reading.mapped(lambda expression: shorter(expression, self.rotations))
+        return self.reading.mapped(lambda expression: in_body_rates(expression, self.rotations))
 
     @property
     def names(self) -> tuple[str, ...]:

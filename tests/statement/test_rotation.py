@@ -285,3 +285,21 @@ def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
     run = lg.System(kinetic + x.dot**2 / 2, initial={R.space: (0, 1, 0)}).run(1.0)
     # Momenta are conserved: x.dot = 0 and R.space[1] = 1 stay.
     assert abs(run[R.space][1, -1] - 1) < 1e-9 and abs(run[x.dot][-1]) < 1e-9
+
+
+def test_a_scene_of_constraints_on_rotations_is_written_as_typed(tmp_path: Path) -> None:
+    """Entries and rates of rotations stay by name; the derivation of the file is that of the system."""
+    system = lg.System(
+        KINETIC + m * x.dot**2 / 2,
+        constraints={"joint": x - R[0, 2], "spin": R.body[2] - R.space[2]},
+        parameters=VALUES,
+        initial={R.body: (0, 0, 1)},
+    )
+    system.to_scene(tmp_path / "held.toml")
+    joint = next(line for line in (tmp_path / "held.toml").read_text().splitlines() if line.startswith("joint"))
+    assert "R_xz" in joint
+    assert "R_w" not in joint
+    assert lg.System.from_scene(tmp_path / "held.toml").equations() == system.equations()
+    doubled = system.substitute({J1: 2 * J3})
+    assert doubled.derivation().constraints == system.derivation().constraints
+    assert "R_w" not in str(doubled.equations())

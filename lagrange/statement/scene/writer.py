@@ -61,7 +61,7 @@ class _SceneWriter:
             self.leaves |= {function: name_of(function), **{rate: rate_name(name_of(function), k) for k, rate in rates}}
         self.leaves |= {parameter: parameter.name for parameter in statement.parameters}
         for each in map(rotation_of, names):
-            self.leaves |= {f: name_of(f) for f in (*each.matrix, *each.body)}
+            self.leaves |= {f: name_of(f) for f in (*each.matrix, *each.body, *each.space)}
         taken = [*self.leaves.values()]
         self.leaves[t] = t.name
         self.leaves |= {symbol: symbol.name for symbol in (impact_speed, along)}
@@ -77,7 +77,7 @@ class _SceneWriter:
         """Return all expressions of the statement, in the order in which they are written."""
         statement, typed = self.statement, self.typed
         energies = [typed.kinetic] if typed.lagrangian_alone else [typed.kinetic, typed.potential]
-        constraints = [constraint.expression for constraint in statement.constraints]
+        constraints = [constraint.expression for constraint in typed.constraints]
         points = [entry for point in (*statement.positions.values(), *statement.surfaces.values()) for entry in point]
         contacts = [part for each in statement.contacts for part in each.expressions]
         events = [
@@ -160,7 +160,7 @@ class _SceneWriter:
             "forces": {name: self.text(f"the force on {name}", force) for name, force in forces if force != 0},
             "constraints": {
                 constraint.name: self.text(constraint.name, constraint.expression)
-                for constraint in statement.constraints
+                for constraint in self.typed.constraints
             },
             **{f"contacts.{_key(each.name)}": self.contact(each) for each in statement.contacts},
             **{
