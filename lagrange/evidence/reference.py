@@ -63,6 +63,9 @@ LEAST_SIZE = 1e-20
 A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. Lengths
 beside angles differ by 1e12 in units from 1e-12 to 1e12."""
 
+ZERO_SIZE = 1e-12
+"""Size of an entry that is zero, relative to the largest: second differences with steps of 1e-30 keep 30 digits."""
+
 EXPONENT_LIMIT = 450
 """Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
 
@@ -252,9 +255,10 @@ class Reference:
 
     def _steps(self, point: SamplePoint) -> DifferenceSteps:
         step = self.number(DIFFERENCE_STEP)
+        least = [(part, self.number(max(map(abs, part)))) for part in (point.q, point.v)]
         sizes_q, sizes_v = (
-            [max(abs(self.number(x)), self.number(LEAST_SIZE * max(map(abs, part)))) or self.number(1) for x in part]
-            for part in (point.q, point.v)
+            [max(abs(x), largest * (LEAST_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
+            for part, largest in least
         )
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
         # to a planet, and all the digits would be lost in it.

@@ -57,6 +57,14 @@ def inside(reference: Reference, point: SamplePoint) -> bool:
     return True
 
 
+def test_the_mass_of_a_velocity_that_is_zero_keeps_its_digits() -> None:
+    mass = sp.Symbol("m")
+    statement = declare(kinetic=mass * (x.dot**2 + y.dot**2) / 2, potential=0, parameters={mass: 1.7})
+    point = SamplePoint((0.3, 0.7), (0.9, 0.0), 0.0, {mass: 1.7}, "")
+    entries = Reference(statement).at(point, ())["mass_matrix"].value
+    assert abs(entries[3] - MP.mpf(1.7)) < 1e-28  # steps of 1e-30 leave 30 of 90 digits
+
+
 @pytest.mark.parametrize("make", [statements.pendulum, statements.kepler, statements.driven_oscillator])
 def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
     """Between the value and a modest multiple of it at a point where nothing cancels badly."""
