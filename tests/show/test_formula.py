@@ -16,7 +16,7 @@ from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
-from lagrange.show.notation.sections import READABLE, Formula
+from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
 from lagrange.show.notation.text import Notation, UnicodeNotation
 from lagrange.show.terminal import terminal_style
 from lagrange.statement.declare import declare
@@ -208,6 +208,13 @@ def test_long_sums_are_broken_and_lines_are_bounded() -> None:
     assert len(lines) > 1 and all(len(line.right) <= 103 for line in lines)
     assert [line.goes_on for line in lines] == [False] + [True] * (len(lines) - 1)
     assert lines[1].right.startswith("+ ")
+
+
+def test_an_energy_that_is_merged_to_the_same_text_is_printed_once() -> None:
+    """SymPy may merge (R - a)**2 to (a - R)**2, which is printed with the sign that was stated."""
+    stated, turned, another = (R - a) ** 2, (a - R) ** 2, R**2
+    for second, count in ((turned, 1), (another, 2)):
+        assert len(LineWriter(STATED, UnicodeNotation).formula(Formula((ShownQuantity("V"), stated, second)))) == count
 
 
 def test_accelerations_that_nobody_reads_are_a_sentence() -> None:

@@ -344,9 +344,14 @@ class LineWriter:
         self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, broken where it is wide. Of two expressions the second is on a new line."""
+        """Return the lines of a formula, broken where it is wide. Of two expressions the second is on a new line.
+
+        A second expression that is spelled as the first one is left out.
+        """
         *before, last = row.sides
         if len(before) == 2 and isinstance(before[1], sympy.Expr):
+            if self.sides.side(before[1]) == self.sides.side(last):
+                return self.formula(Formula((before[0], last)))
             start = " " * width(self.ruler.side(before[0]))
             first, *more = self.broken(last, WIDEST - len(start) - 3)
             below = [FormulaLine(start, first), *(FormulaLine("", line, goes_on=True) for line in more)]
