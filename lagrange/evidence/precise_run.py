@@ -372,13 +372,14 @@ class _PreciseRun:
         times = t + h * self.rule.places
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
-        a = np.tile(self.model.rhs(t, start, self.parameters)[len(q0) :], (len(times), 1))
+        rhs = self.model.kernel("rhs")
+        a = np.tile(self.model.called(rhs, t, start, self.parameters)[len(q0) :], (len(times), 1))
         with np.errstate(all="ignore"):
             for _ in range(SWEEPS):
                 v = v0 + h * self.rule.once @ a
                 q = q0 + h * self.rule.once @ v
                 y = np.hstack([q, v]).T
-                computed = self.model.rhs(times, y, self.parameters)[len(q0) :].T
+                computed = self.model.called(rhs, times, y, self.parameters)[len(q0) :].T
                 improve = self._improvement(times, h, y)
                 change = improve(a - computed)
                 a = a + change

@@ -340,7 +340,7 @@ def _evaluate(
 ) -> Any:
     """Return the entries of a quantity as an array from its kernel; states of a batch are the last axis."""
     if name == "rhs":
-        return model.rhs(t, np.concatenate([q, v]), parameters)
+        return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)
     if name == "jacobian":
         whole = model.jacobian(t, np.concatenate([q, v]), parameters)
         return np.moveaxis(whole[:, list(columns)], 0, 1)

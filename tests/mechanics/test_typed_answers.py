@@ -14,7 +14,7 @@ import lagrange as lg
 from lagrange.mechanics import plain_form
 from lagrange.mechanics.grading import budget, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
-from lagrange.show.derivation_page import NO_HEADING, PAGES
+from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
 from tests.mechanics.answered_systems import (
     cart,
@@ -64,6 +64,29 @@ def test_printed_equations_are_read_back(name: str, style: str) -> None:
         expected, found = (float(sp.N(one.xreplace(values))) for one in (zero, read.zero))
         # Both are sums of the same terms, of order one to a hundred, added in another order.
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("style", ["text", "unicode", "latex", "markdown"])
+@pytest.mark.parametrize("name", ["pendulum", "cartesian-pendulum", "atwood-machine"])
+def test_a_whole_derivation_is_an_answer(name: str, style: str) -> None:
+    system = shared_scene(name)
+    assert system.compare(render(system.derivation(), style))
+
+
+def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:
+    system = shared_scene("pendulum")
+    wrong = str(system.derivation()).replace("theta_ddot + m*g*l", "theta_ddot - m*g*l")
+    assert "has the wrong sign" in system.compare(wrong).message
+    with pytest.raises(lg.StatementError, match="'foo' is not a symbol"):
+        system.compare("Equations of motion\ntheta_ddot + foo = 0")
+
+
+def test_formulas_in_prose_are_an_answer() -> None:
+    prose = (
+        r"The function is $L = T - V$; with $\omega^2 = g/l$ we have \[ \ddot\theta = %s\omega^2\sin\theta \] q.e.d."
+    )
+    assert shared_scene("pendulum").compare(prose % "-")
+    assert not shared_scene("pendulum").compare(prose % "+")
 
 
 SLIPS = {
@@ -278,6 +301,22 @@ def test_a_remark_may_state_a_constraint_and_a_wrong_one_is_told() -> None:
 def test_a_term_too_small_to_be_tested_is_no_part_of_a_right_answer(term: str) -> None:
     result = oscillator().compare(f"m x'' + c x' + k x = m g + F cos(w t) + {term}")
     assert not result and result.message.startswith("In equation 1 the number 1e-")
+
+
+def test_a_tension_with_the_sign_of_a_force_is_right_beside_a_constant_length() -> None:
+    """The multiplier of r - l is the opposite of the tension."""
+    r, theta = lg.coordinates("r theta")
+    m, g, l = lg.parameters("m g l")
+    energies = m * (r.dot**2 + r**2 * theta.dot**2) / 2, -m * g * r * sp.cos(theta)
+    pendulum = lg.System(*energies, constraints={"rod": r - l}, parameters={m: 0.8, g: 9.81, l: 1.3}, initial={r: 1.3})
+    assert pendulum.compare("m r'' = m r θ'^2 + m g cos θ - T\nm r^2 θ'' + 2 m r r' θ' = -m g r sin θ\nr = l")
+    assert not pendulum.compare("m r'' = m r θ'^2 + 2 m g cos θ - T\nm r^2 θ'' + 2 m r r' θ' = -m g r sin θ\nr = l")
+
+
+def test_a_number_that_was_typed_is_blamed_before_one_that_was_not() -> None:
+    phi, (m, R, g) = lg.coordinate("phi"), lg.parameters("m R g")
+    ball = lg.System(7 * m * R**2 * phi.dot**2 / 10, -m * g * R * sp.cos(phi))
+    assert "the term 7*R*phi_ddot/10 has the wrong factor" in ball.compare("7/10 R phi'' + g sin phi = 0").message
 
 
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:

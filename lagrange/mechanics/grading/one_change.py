@@ -74,6 +74,9 @@ SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
 """Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
 
+UNNUMBERED = 0.2
+"""Added cost of a number other than -1 in a term that was typed without one."""
+
 OF_DERIVATIVE = 1.5
 """Added cost of a change of a term of a typed derivative d/dt(...), of which the whole is no wrong momentum."""
 
@@ -370,10 +373,8 @@ class _Search:
         for cost, number, factor in self.multiples([x / a for x, a in zip(wanted, value, strict=True)]):
             right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
             if factor == 1:
-                yield (
-                    _cost_of(number),
-                    Difference(SCALED, term, right, 1 / Fraction(number.p, number.q)),
-                )
+                unnumbered = UNNUMBERED * (abs(term.as_coeff_Mul()[0]) == 1 != abs(number))
+                yield _cost_of(number) + unnumbered, Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
                 yield SIGN + cost + plain, Difference(WRONG, term, right)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
@@ -20,6 +21,7 @@ from lagrange.statement.expression import TEXTS, entries, expression, in_full
 from lagrange.statement.parameters import Survey, coordinate_name
 from lagrange.statement.rotation import shorthands
 from lagrange.statement.statement import Statement
+from lagrange.statement.typed.documents import parts_of_document
 from lagrange.statement.typed.names import canonical
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
@@ -31,7 +33,7 @@ FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs
 """Letters that denote constraint forces, unless a symbol has the name: with the number of the constraint, or alone if
 they are the only unknown of the only constraint."""
 
-USUAL = FORCES[:3]
+USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
 """Letters that denote the force of the only constraint also in an answer that is solved for the accelerations."""
 
 ORDINALS = ("", "second", "third", "fourth", "fifth")
@@ -135,7 +137,20 @@ class _EquationReader:
         return reader, {self.names[self.spellings.get(one, self.force)]: sympy.Symbol(one) for one in letters}
 
     def text(self, given: str) -> list[StudentEquation]:
-        """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped."""
+        """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
+
+        If the text cannot be read, it may be a document: then its formulas count, or those below "Equations of motion".
+        """
+        try:
+            return self._all(given)
+        except StatementError:
+            for part in parts_of_document(given):
+                with suppress(StatementError):
+                    return self._all(part)
+            raise
+
+    def _all(self, given: str) -> list[StudentEquation]:
+        """Return the equations of a text. Raises StatementError if it has none, or cannot be read."""
         reader, letters = self.reader(given)
         equations = [typed for typed in reader.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:

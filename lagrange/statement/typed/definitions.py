@@ -31,11 +31,13 @@ def is_constant(side: Sequence[Token]) -> bool:
 class Definition:
     """An equation that defines a name: its two sides, of which one may be the name.
 
-    `constant` is the clause that remains: it states that the value is constant, or is None.
+    `lone` is true if a side is the name or its square. `constant` is the clause that remains: it states that the value
+    is constant, or is None.
     """
 
     name: str
     sides: tuple[list[Token], list[Token]]
+    lone: bool
     constant: Clause | None = None
 
     @classmethod
@@ -61,7 +63,7 @@ class Definition:
             return None
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
         fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
-        return cls(name, (sides[0], sides[1]), replace(kept, constant=True) if fixed else None)
+        return cls(name, (sides[0], sides[1]), bool(lone), replace(kept, constant=True) if fixed else None)
 
 
 class Uses:

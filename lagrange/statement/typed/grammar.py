@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice, product
 
 from lagrange.statement.typed.derivatives import OPENING
@@ -148,20 +148,20 @@ class _Parser:
 
     def sum(self) -> Part:
         """Read terms with + and - between them."""
-        text, count, moves = "", 0, False
+        text, moves = "", False
         while True:
             sign = "+"
             while self.next_is("+", "-"):
                 sign = sign if self.tokens[self.place].text == "+" else "-" if sign == "+" else "+"
                 self.place += 1
             part = self.product()
+            more = self.next_is("+", "-")
+            if not (text or more or sign == "-"):
+                return part
             moves |= part.moves
-            text += (f" {sign} " if count else "-" * (sign == "-")) + part.at(PRODUCT)
-            count += 1
-            if not self.next_is("+", "-"):
-                break
-        negative = text.startswith("-")
-        return replace(part, text=text) if count == 1 and not negative else Part(text, SUM, moves=moves)
+            text += (f" {sign} " if text else "-" * (sign == "-")) + part.at(PRODUCT)
+            if not more:
+                return Part(text, SUM, moves=moves)
 
     def product(self) -> Part:
         """Read factors with *, / or nothing between them."""

@@ -86,3 +86,27 @@ OPERATOR = rf"\\(?:{'|'.join(name for name, sign in COMMAND_SIGNS.items() if sig
 
 ARROW = r"\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff)(?![A-Za-z])"
 """A command between an equation and its consequence."""
+
+MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"
+"""Marks of a matrix: its begin, a new column, a new row, and its end."""
+
+_MATRIX = re.compile(
+    r"\\begin\{([pbB]?(?:small)?matrix)\}(.*?)\\end\{\1\}"
+    r"|\\left\s*[(\[]\s*\\begin\{array\}(?:\{[^{}]*\})?(.*?)\\end\{array\}\s*\\right\s*[)\]]",
+    re.DOTALL,
+)
+_ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
+
+
+def with_marks(text: str) -> str:
+    """Return a text of the same length with one character for each mark of a LaTeX matrix."""
+    return _MATRIX.sub(_marked, text)
+
+
+def _marked(match: re.Match[str]) -> str:
+    """Return the text of one matrix, on one line."""
+    place = 3 if match.group(2) is None else 2
+    inside = _ROW_BREAK.sub(lambda found: ROW.ljust(len(found.group())), match.group(place)).rstrip(f"{ROW} \n")
+    inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(place)))
+    before, after = match.start(place) - match.start(), match.end() - match.end(place)
+    return MATRIX.ljust(before) + inside + MATRIX_END.rjust(after)

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from lagrange.errors import StatementError
-from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, OPERATOR, PROSE
+from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
 
 _COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*", re.MULTILINE)
 _LABEL = re.compile(
@@ -23,12 +23,14 @@ _TRAILING_LABEL = re.compile(r"(?<=\s)\(\s?[0-9]{1,2}[a-z]?\s?\)$")
 _END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
-_MATRIX = re.compile(r"\\begin\{[pbvBV](?:small)?matrix\}|\bMatrix\(")
+_MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
 _CONSERVED = re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;&]|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
+_SEPARATOR = re.compile(r"[;&]|\.(?=\s)|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
+_DEFINING = re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])")
+_THAT_IS = re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?")
 _LISTED = re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)")
-OPEN, CLOSE = "([{", ")]}"
+OPEN, CLOSE = f"([{{{MATRIX}", f")]}}{MATRIX_END}"
 
 
 def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str, list[tuple[int, int]]]:
@@ -38,15 +40,18 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
 
     Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
     with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
-    equation if both it and the one before have a sign of equality. It is one too at the begin of an environment, and if
-    it is back at the indentation of an equation whose further lines are indented. Raises StatementError for a matrix.
+    equation if both it and the one before have a sign of equality. It is one too at the begin of an environment, after
+    a label, and if it is back at the indentation of an equation whose further lines are indented. Raises
+    StatementError for a matrix that is not read.
     """
-    blanked = _blank(_COMMENT, text)
+    blanked = with_marks(_blank(_COMMENT, text))
     if _MATRIX.search(blanked):
-        raise StatementError("an answer has a matrix, which is not read: write one equation a line.")
+        raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
     blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
     blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
     blanked = _CONSERVED.sub(lambda match: "= const".ljust(len(match.group())), blanked)
+    blanked = _DEFINING.sub(lambda match: "=".ljust(len(match.group())), blanked)
+    blanked = _THAT_IS.sub(lambda match: ";".ljust(len(match.group())), blanked)
     blanked = _LISTED.sub(r"\1;", blanked)  # x'' = 1,2 y'' = 3 has no decimal comma
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
@@ -61,7 +66,8 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
         place = end + 1
         if not lines[-1].strip():
             continue
-        if spans and _joined(before, lines[-1], anew=frame.lstrip().startswith(r"\begin")):
+        labelled = len(line) - len(line.lstrip()) < len(lines[-1]) - len(lines[-1].lstrip())
+        if spans and _joined(before, lines[-1], anew=labelled or frame.lstrip().startswith(r"\begin")):
             spans[-1] = (spans[-1][0], end)
         else:
             spans.append((begin, end))
@@ -116,7 +122,7 @@ def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bo
 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
-    """Return True if a line continues the equation before it. `anew` is true at the begin of an environment."""
+    """Return True if a line continues the equation before it. `anew` is true for an environment or a label."""
     if _GOES_ON.search(before) or depth_of(before) > 0:
         return True
     if not _CONTINUES.match(line):

@@ -95,7 +95,8 @@ class Names:
                 yield f"ell{name[1:]}", name
         for letter, ending in (("v", "_dot"), ("a", "_ddot")):
             if letter not in self.names:
-                yield from ((letter + base, base + ending) for base in self.bases if _AXIS.fullmatch(base))
+                pairs = ((letter + base, base + ending) for base in self.bases if _AXIS.fullmatch(base))
+                yield from (pair for pair in pairs if pair[1] in self.exact)
 
     def readings(self, word: str) -> list[list[Piece]]:
         """Return the readings of a word, the likeliest first: one symbol, or the factors of a product."""

@@ -24,9 +24,10 @@ from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
+from lagrange.statement.typed.matrices import rows_of
 from lagrange.statement.typed.names import RATES, Names, canonical
 from lagrange.statement.typed.remarks import Clause
-from lagrange.statement.typed.tokens import Token, tokens_of
+from lagrange.statement.typed.tokens import Token, bracketed, tokens_of
 from lagrange.statement.vocabulary.letters import WORD
 
 LONGEST_TEXT = 8_000
@@ -40,6 +41,9 @@ _VALUE = sympy.Dummy("value", real=True)
 
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 """Words with marks that mean derivatives in formulas: Newton's, für."""
+
+_STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
+"""Words before a colon after which an equation holds at rest only."""
 
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
 """Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one."""
@@ -125,7 +129,12 @@ class TypedReader:
                 )
         clean = _OF_SENTENCES.sub(self._without_accents, clean)
         lines = [self._clause(clean, *span).without_brackets() for span in spans]
-        clauses = [clause for line in lines for clause in line.clauses()]
+        whole = [clause for line in lines for clause in line.clauses()]
+        try:
+            rows = rows_of([clause.tokens for clause in whole])
+        except TypedFault as fault:
+            raise StatementError(self._refusal(text, [fault], what)) from None
+        clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
         if len(clauses) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
         return self._with_definitions(clauses)
@@ -181,9 +190,10 @@ class TypedReader:
         return match.group() if all(map(self._reads, words)) else match.group().translate(_ACCENTS)
 
     def _is_introduced(self, text: str, begin: int) -> bool:
-        """Return True if a sentence with a colon, such as "Steady state:", precedes a part."""
+        """Return True if a sentence or "equilibrium", with a colon, precedes a part."""
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
-        return bool(colon) and not rest.strip() and self._clause(above, 0, len(above)).is_remark(introduces=True)
+        sentence = _STILL.search(above) or self._clause(above, 0, len(above)).is_remark(introduces=True)
+        return bool(colon and sentence and not rest.strip())
 
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""
@@ -264,7 +274,7 @@ class TypedReader:
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
     def _defined(self, definition: Definition) -> dict[str, Any]:
-        """Return {name: value} for a definition, with the rate of the value if it moves; {} if it has no value."""
+        """Return {name: value} for a definition, with its derivatives if it moves; {} if it has no value."""
         symbol = sympy.Symbol(definition.name, real=True)
         reader = TypedReader(self.symbols | {definition.name: symbol}, self.others)
         try:
@@ -276,11 +286,12 @@ class TypedReader:
             rest = zero.xreplace({symbol**power: sympy.S.Zero})
             if slope == 0 or slope.has(_VALUE, symbol) or rest.has(symbol):
                 continue
-            value = (-rest / slope) ** sympy.Rational(1, power)
+            known = {definition.name: (-rest / slope) ** sympy.Rational(1, power)}
             with suppress(SceneError):
-                rate = self.differentiated(value, 1)
-                return {definition.name: value} | ({f"{definition.name}_dot": rate} if rate != 0 else {})
-            return {definition.name: value}
+                for order in (1, 2):
+                    rate = self.differentiated(known[definition.name], order)
+                    known |= {definition.name + RATES[order]: rate} if rate != 0 else {}
+            return known if definition.lone or len(known) > 1 else {}
         return {}
 
     def _strict(self, text: str) -> Reading | None:
@@ -321,7 +332,7 @@ class TypedReader:
         if clause.constant:
             sides = [*sides, []]
         if clause.constant or (len(sides) > 1 and (is_constant(sides[-1]) or self._is_integral(*sides))):
-            return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
+            return [[[Token("rate", "1", begin, begin), *bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
     def _is_foreign(self, side: Sequence[Token], between: bool) -> bool:
@@ -440,12 +451,6 @@ class _Faults(Exception):
 def _reading(values: Sequence[Any], read: str, differentiated: Sequence[Any] = ()) -> Reading:
     right = values[1] if len(values) > 1 else sympy.S.Zero
     return Reading(values[0] - right, right, read, tuple(differentiated))
-
-
-def _bracketed(side: Sequence[Token]) -> list[Token]:
-    """Return the tokens of a formula in brackets."""
-    begin, end = side[0].begin, side[-1].end
-    return [Token("sign", "(", begin, begin), *side, Token("sign", ")", end, end)]
 
 
 def _line(text: str, place: int) -> int:

@@ -8,10 +8,10 @@ without an acceleration may be left out as a whole: the others must then determi
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate, pairwise, takewhile
 
 from lagrange.statement.typed.latex import ARROW
 from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of, separated
@@ -38,7 +38,7 @@ _NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 """Words without a meaning of their own, so that they do not make prose out of symbols."""
 
-_ARROW = re.compile(rf"=>|->|:(?!=)|[⇒→⟹⟶∴]|{ARROW}")
+_ARROW = re.compile(rf"=>|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
@@ -169,6 +169,8 @@ class Clause:
         asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
         cuts += [(match.span(), True) for match in asides if not self.names.readings(match.group())]
         cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
+        prose = ((left, right) for left, right in self._prose() if "=" in text[begin:left] and "=" in text[right:end])
+        cuts += [(span, False) for span in prose]
         clauses, start, aside = [], begin, False
         for (left, right), opens in sorted(cuts):
             if opens and "=" not in text[start:left] and text[start:left].strip():
@@ -199,7 +201,7 @@ class Clause:
     def equation(self, *, moves: bool) -> tuple[int, int]:
         """Return the span without the words before the equation and without remarks after it.
 
-        If `moves` is true, the equation has an acceleration, and a connecting word must precede it.
+        If `moves` is true, the equation has an acceleration: a connecting word or three others must precede it.
         """
         proven = _PROVEN.search(self.text, self.begin, self.end)
         end = proven.start() if proven else self.end
@@ -209,10 +211,14 @@ class Clause:
             if self._is_unit(mark.end(), end) if wide else self._is_apart(mark.end(), end, bare=mark.group().isalpha()):
                 end = mark.start()
         run = self._introduction()
-        ends = [bool(_CONNECTING.fullmatch(self._spelled(word))) if moves else word.kind != SYMBOL for word in run]
+        sure = not moves or [word.kind for word in run].count(WORD) > 2
+        ends = [word.kind != SYMBOL if sure else self._is_connecting(word) for word in run]
         cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
         kinds = [word.kind for word in run[:cut]]
         begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
+        last = [word for word in self.words if begin < word.begin < end and self._is_connecting(word)][-1:]
+        if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
+            end = last[0].begin
         if self.text[begin:end].lstrip().startswith(("=", "+", "*", "/", "^")):
             begin = self.begin
         while end > begin and self.text[end - 1] in _PUNCTUATION:
@@ -258,16 +264,23 @@ class Clause:
         constant = len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
         return constant and bool(_NUMBER_AT_END.fullmatch(self.text, self.begin + len(name), self.end))
 
-    def _introduction(self) -> Sequence[Word]:
-        """Return the words at the begin of the part with only blanks and punctuation between them."""
-        place, run = self.begin, list[Word]()
-        for word in self.words:
+    def _introduction(self, first: int = 0) -> Sequence[Word]:
+        """Return the words from an index on with only blanks and punctuation before, and between them."""
+        place, run = self.words[first].begin if first else self.begin, list[Word]()
+        for word in self.words[first:]:
             stops = word.kind in (FORMULA, NAME) or self._spelled(word) in _NEGATIONS
             if stops or self.text[place : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
             place = word.end
         return run
+
+    def _prose(self) -> Iterator[tuple[int, int]]:
+        """Yield the spans of several words in a row, such as "we get", of which none is a symbol and one connects."""
+        for i in range(1, len(self.words)):
+            run = [*takewhile(lambda word: word.kind in (WORD, SHORT), self._introduction(i))]
+            if len(run) > 1 and any(map(self._is_connecting, run)):
+                yield run[0].begin, run[-1].end
 
     def _is_unit(self, begin: int, end: int) -> bool:
         """Return True if text[begin:end] is a unit of which one word is not a symbol."""
@@ -292,6 +305,9 @@ class Clause:
         )
         signs = _SIGNS if names or re.search(r"\d", self.text[begin:end]) else _NEVER
         return not product and not signs.search(self.text, begin, end)
+
+    def _is_connecting(self, word: Word) -> bool:
+        return bool(_CONNECTING.fullmatch(self._spelled(word)))
 
     def _spelled(self, word: Word) -> str:
         return self.text[word.begin : word.end].lower() if word.kind != SYMBOL else ""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lagrange.statement.typed.latex import (
@@ -15,9 +16,11 @@ from lagrange.statement.typed.latex import (
     FRACTIONS,
     FUNCTION_COMMANDS,
     LETTER_COMMANDS,
+    MATRIX_MARKS,
     SPACES,
     WORD_GROUPS,
 )
+from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
@@ -27,7 +30,7 @@ PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨',
 """Marks after a letter that mean derivatives, and their order."""
 
 SIGNS = {
-    **{mark: mark for mark in "+-*/^=()[]{}|,"},
+    **{mark: mark for mark in (*"+-*/^=()[]{}|,", *MATRIX_MARKS)},
     **dict.fromkeys("\u2212\u2013\u2014\u2010\u2011\u2012", "-"),
     **dict.fromkeys("·⋅×∗•", "*"),
     **dict.fromkeys("÷∕⁄", "/"),
@@ -50,9 +53,10 @@ _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
 _GROUP = re.compile(r"\s*\{\s*([^{}]*?)\s*\}")
 _INDEX = re.compile(r"\s*_\s*(?:\{((?:[^{}]|\{[^{}]*\})*)\}|\\([A-Za-z]+)|([A-Za-z0-9]))")
 _INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
-_PLAIN_INDEX = re.compile(r"_([0-9]+|[A-Za-z][A-Za-z0-9]*)")
+_LETTER = f"[A-Za-z{''.join(GREEK)}]"
+_PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
-_RATE = re.compile(r"\.(d{1,2}ot)\b")
+_RATE = re.compile(r"\.(d{1,2})ot\b|(?:\(t\))?\.diff\(\s*t\s*(?:,\s*([t2])\s*)?\)")
 _BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")
 """Functions that end a word before a digit, as in sin2x."""
 
@@ -85,6 +89,12 @@ class Token:
     def is_sign(self, *signs: str) -> bool:
         """Return True if the token is one of these signs."""
         return self.kind == "sign" and self.text in signs
+
+
+def bracketed(tokens: Sequence[Token]) -> list[Token]:
+    """Return the tokens of a formula in brackets."""
+    (begin, _), (last, end) = ((token.begin, token.end) for token in (tokens[0], tokens[-1]))
+    return [Token("sign", "(", begin, begin), *tokens, Token("sign", ")", last, end)]
 
 
 def tokens_of(text: str, begin: int, end: int) -> list[Token]:
@@ -179,7 +189,7 @@ class _Scanner:
             spelled, place = f"{spelled}_{bracketed.group(1)}", bracketed.end()
         rate = _RATE.match(self.text, place)
         if rate:
-            order, place = order + len(rate.group(1)) - 2, rate.end()
+            order, place = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
         if spelled in DERIVATIVES and self.text.startswith("(", place):  # ddot(x)
             return self._add("dots", str(DERIVATIVES[spelled]), begin, place)
         return self._add("word", spelled, begin, place, order)

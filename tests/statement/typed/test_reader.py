@@ -45,6 +45,7 @@ READINGS = {
     "sin2θ + Cos(x)": "sin(2*theta) + cos(x)",
     "theta''(t) + x(t)": "theta_ddot + x",
     "x.ddot + x.dot": "x_ddot + x_dot",
+    "x.diff(t, 2) + x(t).diff(t, t) + theta.diff(t)": "x_ddot + x_ddot + theta_dot",
     "x_tt + θ¨ + x˙ + (d^2/dt^2) theta1": "x_ddot + theta_ddot + x_dot + theta1_ddot",
     "θ̈₁ + θ̇²": "theta1_ddot + theta_dot**2",
     "mẍ": "m*x_ddot",
@@ -135,6 +136,8 @@ LINES = {
     "x: m x'' = 0;\neq1: M theta'' = 0.": ["m*x_ddot = 0", "M*theta_ddot = 0"],
     "x'' = 0, theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
     "# mine\nx'' = 0  # because": ["x_ddot = 0"],
+    "1: x'' + k x = 0\n2: -m theta''\n   = M": ["x_ddot + k*x = 0", "-m*theta_ddot = M"],
+    "x: x'' = 0,   theta: theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
     "x'' = 0   (3)": ["x_ddot = 0"],
     r"\boxed{\ddot{x} = -\frac{k}{m} x} \text{(EOM)}": ["x_ddot = -k/m*x"],
     "{m x'' = k (x - l), theta'' = 0}": ["m*x_ddot = k*(x - l)", "theta_ddot = 0"],
@@ -188,6 +191,7 @@ REMARKS = {
     "x'' = -k x/m   (y = a x^2)": ["x_ddot = -k*x/m"],
     "1.) x'' = -k x/m, (horizontal plane)": ["x_ddot = -k*x/m"],
     "x'' = -k x/m  [Coriolis + centrifugal] ✓": ["x_ddot = -k*x/m"],
+    "x'' = -k x/m\nEquilibria: cos(x) = k/m": ["x_ddot = -k*x/m"],
     "x'' = -k x/m; x(0) = R\nThe equilibrium is at x = m g/k.": ["x_ddot = -k*x/m"],
 }
 """Answers with words around the equations, and the equations."""
@@ -223,6 +227,15 @@ DEFINED = {
     "Let D = x - theta and C = m + M. Then\nC x'' = k D": "C*x_ddot = k*D",
     "x' = v\nm v' = -k x": "m*v_dot = -k*x",
     "x_dot = v, v_dot = -k x/m": "v_dot = -k*x/m",
+    "y1 = x, y2 = x'\ny1' = y2, y2' = -k y1": "y1_dot = y2",
+    "With q1 = x + theta, q2 = x - theta:\nm q1'' = -k q2": "m*q1_ddot = -k*q2",
+    "p_x' = -k p_θ²\nx' = p_x/m\nθ' = p_θ/m\np_θ' = 0": "p_x_dot = -k*p_theta**2",
+    "With μ := k/m we get x'' = -μ x": "x_ddot = -mu*x",
+    "Let γ = k/(2m) and ω0 = sqrt(k/m). Then x'' + 2γx' + ω0²x = 0.": "x_ddot + 2*gamma*x_dot + omega0**2*x = 0",
+    "a = x'' and\nm a = -k x": "m*a = -k*x",
+    "x'' = -k x/m =: a": "x_ddot = -k*x/m",
+    "theta' = const, i.e. d/dt(m theta') = 0": "d/dt(m*theta_dot) = 0",
+    "and from the second Lagrange equation 2 x'' = -k x": "2*x_ddot = -k*x",
     "x' = p/m\np' = -k x": "p_dot = -k*x",
     "x'' = h^2/x^3 with x^2 theta' = h": "x_ddot = h**2/x**3",
     "theta' = h/x^2, x'' = h^2/x^3, h = const": "x_ddot = h**2/x**3",
@@ -237,9 +250,50 @@ def test_definitions_and_words_for_operations_are_read(text: str) -> None:
     assert equation.readings[0].read == DEFINED[text]
 
 
-def test_a_matrix_is_refused() -> None:
-    with pytest.raises(StatementError, match="an answer has a matrix, which is not read: write one equation a line"):
-        reader().equations(r"\begin{pmatrix} x'' \\ theta'' \end{pmatrix} = 0")
+PAIR = r"\begin{pmatrix} x \\ \theta \end{pmatrix}"
+MATRICES = {
+    r"m \begin{pmatrix} \ddot x \\[2pt] \ddot\theta \end{pmatrix} = \begin{bmatrix} -k x \\ m g \end{bmatrix}": [
+        "m*x_ddot = -k*x",
+        "m*theta_ddot = m*g",
+    ],
+    rf"\ddot{{{PAIR}}} = -\begin{{pmatrix}} k & -l \\ 0 & k + 1 \end{{pmatrix}}" + f"\n \\cdot {PAIR}": [
+        "x_ddot = -(k*x + (-l)*theta)",
+        "theta_ddot = -(k + 1)*theta",
+    ],
+    r"\frac{d}{dt} \left(\begin{array}{c} m \dot x \\ \dot\theta \end{array}\right) = 0": [
+        "d/dt(m*x_dot) = 0",
+        "theta_ddot = 0",
+    ],
+    r"A \ddot{q} + g q = 0, A = \begin{pmatrix} m & 0 \\ 0 & k \end{pmatrix}, q = " + PAIR: [
+        "m*x_ddot + g*x = 0",
+        "k*theta_ddot + g*theta = 0",
+    ],
+}
+"""Vector equations, and the equation of each row."""
+
+
+@pytest.mark.parametrize("text", MATRICES)
+def test_each_row_of_a_vector_equation_is_an_equation(text: str) -> None:
+    assert [one.readings[0].read for one in reader().equations(text)] == MATRICES[text]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (r"\begin{pmatrix} x \end{vmatrix} = 0", "an answer has a matrix that is not read"),
+        ("Matrix([[x''], [theta'']]) = 0", "an answer has a matrix that is not read"),
+        (rf"{PAIR} = \begin{{pmatrix}} x \\ x \\ x \end{{pmatrix}}", "a column has 3 rows, and one before it 2"),
+        (r"\begin{pmatrix} x & m \end{pmatrix} = 0", "column 1: matrices that do not fit: expected is a column"),
+        (rf"\begin{{pmatrix}} x & m & g \end{{pmatrix}} {PAIR} = 0", "matrices that do not fit"),
+        (r"\begin{pmatrix} x \\ & m \end{pmatrix} = 0", "an entry that is empty or a matrix"),
+        (rf"\begin{{pmatrix}} {PAIR} \end{{pmatrix}} = 0", "an answer has a matrix that is not read"),
+        (r"\begin{pmatrix} x & x \\ x & x \end{pmatrix}" * 12 + PAIR, "the product of matrices is too long"),
+    ],
+)
+def test_matrices_that_do_not_fit_are_told(text: str, said: str) -> None:
+    with pytest.raises(StatementError) as error:
+        reader().equations(text)
+    assert said in str(error.value)
 
 
 SCRAPS = (
