@@ -199,6 +199,12 @@ EVENTS: dict[str, tuple[Any, str]] = {
     "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w {OTHER}"),
     "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\) {OTHER}"),
     "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x {OTHER}"),
+    "time": (lg.t - u, rf"event 0 has the term -u {OTHER}60 times theirs: state u in s instead of min."),
+    "multiple of time": (2 * lg.t - 3 * u + 1, rf"event 0 has the term 2\*t {OTHER}"),
+    "ratio of times": (lg.t / u - 2, rf"event 0 has the term t/u {OTHER}"),
+    "ratio": (x / a - 2, rf"event 0 has the term x/a {OTHER}"),
+    "time as reset": (lg.event(x, reset={u: lg.t}), rf"the reset of event 0 has the term t {OTHER}"),
+    "time in a reset": (lg.event(x, reset={u: u + lg.t}), rf"the reset of event 0 has the term u {OTHER}"),
 }
 
 
@@ -206,8 +212,8 @@ EVENTS: dict[str, tuple[Any, str]] = {
 def test_events_are_checked(name: str) -> None:
     wire = lg.System(
         T + m * y.dot**2 / 2, k * x**2 / 2, forces={x: F}, constraints={"wire": y - x}, coordinates=[x, y],
-        parameters={m: 1, k: 1, a: 1, F: 1, w: 1},
-        dimensions={m: "kg", k: "N/m", x: "m", a: "cm", F: "N", w: "1/s"},
+        parameters={m: 1, k: 1, a: 1, F: 1, w: 1, u: 1},
+        dimensions={m: "kg", k: "N/m", x: "m", a: "cm", F: "N", w: "1/s", u: "min"},
     )  # fmt: skip
     event, message = EVENTS[name]
     with pytest.raises(StatementError, match=message):
@@ -221,6 +227,32 @@ def test_numbers_in_events_and_given_motions_have_the_units_beside_them() -> Non
     )
     events = [x - 0.3, lg.t - 0.5, lg.event(x.dot - 0.1 * sin(3 * lg.t), reset={x.dot: 0.2, x: x + 0.1})]
     assert spring.run(1.0, events=events).status.name == "SUCCESS"
+
+
+def test_events_compare_times_in_seconds() -> None:
+    spring = lg.System(
+        T, k * x**2 / 2, forces={x: -F * u / M},
+        parameters={m: 1, k: 1, F: 0, u: 1, M: 1},
+        dimensions={m: "kg", k: "N/m", x: "m", F: "N", u: "s", M: "s"},
+    )  # fmt: skip
+    events = [lg.t - u, 2 * lg.t / u - 3, lg.event(x, reset={u: lg.t + u}), lg.event(x.dot, reset={u: 2 * lg.t + 1})]
+    assert spring.run(1.0, {x: 1.0}, events=events).status.name == "SUCCESS"
+
+
+SUGGESTED = re.compile(r"state (\w+) in ([^ ]+) instead of")
+
+
+@pytest.mark.parametrize("of_w", ["Hz", "1/min", "rpm", "1/h", "rad/s"])
+@pytest.mark.parametrize("of_k", ["N/m", "g/min**2", "lbf/inch", "kg*Hz**2", "J/m**2"])
+def test_suggested_units_can_be_typed_back(of_w: str, of_k: str) -> None:
+    units = {"m": "mg", "k": of_k, "w": of_w, "x": "m"}
+    with pytest.raises(StatementError) as refusal:
+        lg.System(T, k * x**2 / 2 + m * w**2 * x**2, dimensions=units)
+    suggested = SUGGESTED.findall(str(refusal.value))
+    assert suggested or "that fit together" in str(refusal.value)
+    for name, text in suggested:
+        assert read_dimension(text, name).like(read_dimension(units[name], name))
+        lg.System(T, k * x**2 / 2 + m * w**2 * x**2, dimensions=units | {name: text})
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -77,12 +77,30 @@ def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[
             yield argument, DIMENSIONLESS
 
 
-def without_own_numbers(expression: Any) -> Any:
+def without_own_numbers(expression: Any, is_time: Callable[[Any], bool], is_ratio: Callable[[Any], bool]) -> Any:
     """Return an expression without its parts made of numbers and time alone: the units of such numbers are not stated.
 
     Such terms are left out, such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
+    Numbers without units stay: multiples of t beside terms that are times, as in `t - a`, and numbers beside ratios of
+    quantities, as in `x/a - 1`.
     """
-    return sympy.S.Zero if _own(expression) else expression.replace(_replaced, _without)
+
+    def without(node: Any) -> Any:
+        if not node.is_Add:
+            return sympy.S.One
+        left = [term for term in node.args if not _own(term)]
+        if any(map(is_time, left)):
+            left += [term for term in node.args if is_multiple_of_time(term)]
+        elif any(map(is_ratio, left)):
+            left += [term for term in node.args if term.is_number]
+        return sympy.Add(*left) if left else sympy.S.One
+
+    return sympy.S.Zero if _own(expression) else expression.replace(_replaced, without)
+
+
+def is_multiple_of_time(term: Any) -> bool:
+    """Return True for a number times t."""
+    return bool((term / t).is_number)
 
 
 def _own(node: Any) -> bool:
@@ -92,10 +110,3 @@ def _own(node: Any) -> bool:
 
 def _replaced(node: Any) -> bool:
     return node.is_Add or (isinstance(node, (sympy.Function, sympy.Piecewise)) and _own(node))
-
-
-def _without(node: Any) -> Any:
-    if not node.is_Add:
-        return sympy.S.One
-    left = [term for term in node.args if not _own(term)]
-    return sympy.Add(*left) if left else sympy.S.One

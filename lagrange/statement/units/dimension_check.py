@@ -22,6 +22,7 @@ from lagrange.statement.units.checked_part import (
     CheckedPart,
     in_short,
     inner_parts,
+    is_multiple_of_time,
     number_of,
     without_own_numbers,
 )
@@ -61,7 +62,7 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     known |= {name_of(function): function for function in statement.given}
     rates = {rate_name(name_of(q), order): q.diff(t, order) for q in _functions(statement) for order in (1, 2)}
     stated = with_dimensions_of_rates(read_dimensions(given, known | rates))
-    parts = _parts(statement)
+    parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
     check_names(given, known, rates)
@@ -73,7 +74,7 @@ def _functions(statement: Statement) -> tuple[Any, ...]:
     return (*statement.coordinates, *statement.given)
 
 
-def _parts(statement: Statement) -> list[CheckedPart]:
+def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[CheckedPart]:
     """Return every expression of a statement with its required quantity, such as energy over q for the force on q."""
     energies = {"the Lagrangian": statement.lagrangian}
     if not statement.lagrangian_alone:
@@ -94,7 +95,7 @@ def _parts(statement: Statement) -> list[CheckedPart]:
     motions = {function: motion_of(function) for function in statement.given}
     for function, motion in motions.items():
         if motion is not None and motion.expression is not None:
-            values = without_own_numbers(in_own_parameters(motion.expression, statement.parameters))
+            values = _without_own_numbers(in_own_parameters(motion.expression, statement.parameters), function, known)
             parts.append(CheckedPart(f"the given function {name_of(function)}", values, function))
     return parts
 
@@ -355,10 +356,33 @@ def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, An
 
 @lru_cache(maxsize=64)
 def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
-    parts = [CheckedPart(f"event {place}", without_own_numbers(zero), None)]
-    parts += [
-        CheckedPart(f"the reset of event {place}", without_own_numbers(value), symbol) for symbol, value in resets
-    ]
     known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
     known |= {symbol: one for symbol, _ in resets if (one := dimension_of(symbol, known)) is not None}
+    parts = [CheckedPart(f"event {place}", _without_own_numbers(zero, None, known), None)]
+    parts += [
+        CheckedPart(f"the reset of event {place}", _without_own_numbers(value, symbol, known), symbol)
+        for symbol, value in resets
+    ]
     check_dimensions(parts, known, statement.plain)
+
+
+def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) -> Any:
+    """Return `without_own_numbers` of an expression that has the dimension of a symbol `like`, or of any.
+
+    Multiples of t stay if that is a time.
+    """
+    all_known = {t: named("second"), **known}
+
+    def is_time(term: Any) -> bool:
+        dimension = dimension_of(term, all_known)
+        return dimension is not None and dimension.like(all_known[t])
+
+    def is_ratio(term: Any) -> bool:
+        dimension = dimension_of(term, all_known)
+        measured = [all_known[symbol] for symbol in term.atoms(sympy.Symbol, AppliedUndef) if symbol in all_known]
+        return dimension is not None and not dimension.exponents and any(one.exponents for one in measured)
+
+    multiples = [term for term in sympy.Add.make_args(value) if is_multiple_of_time(term)]
+    if multiples and like is not None and is_time(like) and value.free_symbols == {t}:
+        return sympy.Add(*multiples)
+    return without_own_numbers(value, is_time, is_ratio)

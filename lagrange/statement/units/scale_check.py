@@ -301,31 +301,38 @@ def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) ->
             )
 
 
-def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, float]]:
-    """Return {base dimension: {unit: logarithm of its factor}} for the base units in the stated units.
+def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float, Fraction]]]:
+    """Return {base dimension: {unit: (logarithm of its factor, power)}} for the base units in the stated units.
 
-    Derived units such as N and J contribute kg, m and s.
+    The power is that of the base dimension in the unit, such as -1 for Hz. Derived units such as N and J contribute kg,
+    m and s.
     """
-    bases: dict[str, dict[str, float]] = {"time": {"s": 0.0}}
-    for dimension in stated:
-        for text, measure in ((dimension.unit, dimension), *((name, named(name)) for name in units_in(dimension.unit))):
-            if len(measure.exponents) == 1 and measure.factor is not None:
-                ((base, power),) = measure.exponents
-                bases.setdefault(base, {})[text if power == 1 else f"({text})**({1 / power})"] = measure.factor / float(
-                    power
-                )
-                continue
-            for base, _ in measure.exponents:
-                if base in COHERENT:
-                    bases.setdefault(base, {})[COHERENT[base]] = named(COHERENT[base]).factor or 0.0
+    bases: dict[str, dict[str, tuple[float, Fraction]]] = {"time": {"s": (0.0, Fraction(1))}}
+    for name in (name for dimension in stated for name in units_in(dimension.unit)):
+        measure = named(name)
+        if len(measure.exponents) == 1 and measure.factor is not None:
+            ((base, power),) = measure.exponents
+            bases.setdefault(base, {})[name] = measure.factor, power
+            continue
+        for base, _ in measure.exponents:
+            if base in COHERENT:
+                bases.setdefault(base, {})[COHERENT[base]] = named(COHERENT[base]).factor or 0.0, Fraction(1)
     return {base: units for base, units in bases.items() if base in BASE}
 
 
-def _made(bases: Mapping[str, Mapping[str, float]], dimension: Dimension) -> Iterator[tuple[float, str]]:
+def _made(
+    bases: Mapping[str, Mapping[str, tuple[float, Fraction]]], dimension: Dimension
+) -> Iterator[tuple[float, str]]:
     """Yield (scale, text) of each unit of a dimension that is a product of powers of base units."""
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
-        powers = [(text, factor, power) for (text, factor), (_, power) in zip(choice, dimension.exponents, strict=True)]
+        pairs = zip(choice, dimension.exponents, strict=True)
+        powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]
         scale = math.fsum(factor * float(power) for _, factor, power in powers)
-        above = [text if power == 1 else f"{text}**{power}" for text, _, power in powers if power > 0]
-        below = [f"/{text}" if power == -1 else f"/{text}**{-power}" for text, _, power in powers if power < 0]
+        above = [_powered(text, power) for text, _, power in powers if power > 0]
+        below = [f"/{_powered(text, -power)}" for text, _, power in powers if power < 0]
         yield scale, ("*".join(above) or "1") + "".join(below)
+
+
+def _powered(text: str, power: Fraction) -> str:
+    """Return a positive power of a unit as a user types it."""
+    return text if power == 1 else f"{text}**{power}" if power.denominator == 1 else f"{text}**({power})"
