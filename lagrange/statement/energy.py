@@ -13,7 +13,6 @@ from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression, in_full, vector
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.parameters import label_of
 
 
 def without_velocity(
@@ -73,12 +72,16 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar
     or a vector (k,) in the same axes. Give rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
-    StatementError for a component that is an angle, and for shapes that do not fit together. Goldstein, Poole, Safko,
-    Classical Mechanics, 3rd ed., section 5.3.
+    StatementError for a component that is an angle, a number such as sin(theta), or an acceleration, and for shapes
+    that do not fit together. Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., section 5.3.
     """
     rates = vector(angular_velocity, "the angular velocity")
+    moving = any(in_full(rate).has(AppliedUndef) for rate in rates)
     for i, rate in enumerate(map(in_full, rates)):
-        _check_rate(rate, "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity")
+        what = "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity"
+        if not moving and rate.has(t):
+            raise _no_rate(what, "is", rate, "an angle or its function", "such as w for the angle w*t")
+        _check_rate(rate, what)
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
 
@@ -87,45 +90,67 @@ def _check_place(place: Any) -> None:
     """Raise StatementError if a component of a position contains a velocity."""
     for rate in sorted(place.atoms(sympy.Derivative), key=str):
         if rate.expr.args == (t,) and motion_of(rate.expr) is None:
-            name = name_of(rate.expr)
+            name, order = name_of(rate.expr), rate.derivative_count
             raise StatementError(
-                f"the position contains {label_of(rate)}, a rate: kinetic_energy takes a place and differentiates it, "
-                f"so give the place in {name}, or write the energy yourself, such as m*{name}.dot**2/2."
+                f"the position contains {_dotted(rate)}, {'a rate' if order == 1 else 'an acceleration'}: give the "
+                f"place in {name}, or write the energy yourself, such as m*{name}.dot**2/2. {TAKEN}"
             )
+
+
+TAKEN = "kinetic_energy takes a place, and rotational_energy a rate."
+"""End of a message on an argument of the other function."""
+
+
+def _dotted(rate: Any) -> str:
+    """Return a derivative in time as a user writes it, such as x.dot."""
+    return f"{name_of(rate.expr)}.{'d' * rate.derivative_count}ot"
+
+
+def _no_rate(what: str, part: str, told: Any, kind: str, example: str) -> StatementError:
+    """Return the error for a part of an angular velocity that is no rate."""
+    plain = {rate: sympy.Symbol(_dotted(rate)) for rate in told.atoms(sympy.Derivative)}
+    plain |= {q: sympy.Symbol(name_of(q)) for q in told.atoms(AppliedUndef)}
+    return StatementError(
+        f"{what} {part} {formula(told.xreplace(plain), 60)}, {kind}: give its rate, {example}. {TAKEN}"
+    )
 
 
 def _check_rate(rate: Any, what: str) -> None:
-    """Raise StatementError if a component, or a term of it, is an angle: it has coordinates and no velocities.
+    """Raise StatementError if a component, or a term of it, is an angle, a number or an acceleration.
 
-    In a sum with a velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt.
+    An angle has coordinates and no velocities. In a sum with a velocity, an angle times a parameter may be a rate, as
+    in phi.dot + Omega*theta for a small tilt.
     """
     alone = not rate.has(sympy.Derivative)
     for term in sympy.Add.make_args(sympy.expand_mul(rate)):
-        angles = _angles(term)
+        bare = _without_functions(term)
+        angles = [q for q in bare.atoms(AppliedUndef) if motion_of(q) is None]
+        inside = [q for q in term.atoms(AppliedUndef) if motion_of(q) is None]
+        part, told = ("is", rate) if alone else ("has the term", term)
+        for high in term.atoms(sympy.Derivative):
+            if high.derivative_count > 1 and motion_of(high.expr) is None:
+                raise _no_rate(what, "contains", high, "an acceleration", f"such as {name_of(high.expr)}.dot")
+        if not inside or term.has(sympy.Derivative):
+            continue
+        example = f"such as {min(map(name_of, angles or inside))}.dot"
         if angles and (alone or _is_ratio(term.subs(dict.fromkeys(angles, 1)))):
-            part, told = ("is", rate) if alone else ("has the term", term)
-            plain = {q: sympy.Symbol(name_of(q)) for q in rate.atoms(AppliedUndef)}
-            raise StatementError(
-                f"{what} {part} {formula(told.xreplace(plain), 60)}, an angle: give its rate, such as "
-                f"{min(map(name_of, angles))}.dot. kinetic_energy takes a place, and rotational_energy a rate."
-            )
+            raise _no_rate(what, part, told, "an angle", example)
+        if not angles and ((bare.is_Integer and abs(bare) == 1) or (bare.free_symbols and _is_ratio(bare))):
+            raise _no_rate(what, part, told, "a number without a rate", example)
 
 
-def _angles(term: Any) -> list[Any]:
-    """Return the coordinates outside of functions such as sin, in a term without velocities.
+def _without_functions(term: Any) -> Any:
+    """Return a term with functions such as sin replaced by 1.
 
-    Omega*sin(theta) has none: there the parameter is the rate. An inverse function such as atan(y/x) is an angle, so
-    its coordinates count.
+    Omega*sin(theta) becomes Omega: the parameter is the rate. An inverse function such as atan(y/x) is an angle, and
+    stays.
     """
-    if term.has(sympy.Derivative):
-        return []
-    bare = term.replace(
+    return term.replace(
         lambda node: (
             isinstance(node, sympy.Function) and not isinstance(node, (AppliedUndef, InverseTrigonometricFunction))
         ),
         lambda node: sympy.S.One,
     )
-    return [q for q in bare.atoms(AppliedUndef) if motion_of(q) is None]
 
 
 def _is_ratio(factor: Any) -> bool:

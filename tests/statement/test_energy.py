@@ -66,6 +66,9 @@ def test_a_spring_with_one_end_goes_to_the_origin() -> None:
 def test_a_rate_may_be_made_of_an_angle() -> None:
     assert rotational_energy(i1, k * sympy.sin(x)) == i1 * k**2 * sympy.sin(x) ** 2 / 2
     assert rotational_energy(i1, k * x + y.dot) == i1 * (k * x + y.dot) ** 2 / 2
+    assert rotational_energy(i1, k * lg.t + y.dot) == i1 * (k * lg.t + y.dot) ** 2 / 2
+    assert rotational_energy(i1, sympy.sin(x) / 2) == i1 * sympy.sin(x) ** 2 / 8
+    assert rotational_energy(i1, sympy.sin(x) * y.dot) == i1 * sympy.sin(x) ** 2 * y.dot**2 / 2
     assert rotational_energy(i1, [k, lg.given("w")]) == i1 * k**2 / 2 + i1 * lg.given("w") ** 2 / 2
 
 
@@ -81,8 +84,10 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, "x"), "the position is the text 'x': give SymPy expressions."),
     (
         lambda: kinetic_energy(m, (y, x.dot)),
-        "the position contains x_dot, a rate: kinetic_energy takes a place",
+        "the position contains x.dot, a rate: give the place in x, or write the energy yourself, such as m*x.dot**2/2. "
+        "kinetic_energy takes a place, and rotational_energy a rate.",
     ),
+    (lambda: kinetic_energy(m, y * x.ddot), "the position contains x.ddot, an acceleration: give the place in x"),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
     (
         lambda: rotational_energy([i1, i2], [w1, w2, w3]),
@@ -127,6 +132,22 @@ REFUSALS: list[tuple[Any, str]] = [
     (
         lambda: rotational_energy(i1, k * sympy.atan(y / x)),
         "the angular velocity is k*atan(y/x), an angle: give its rate",
+    ),
+    (
+        lambda: rotational_energy(i1, sympy.sin(x)),
+        "the angular velocity is sin(x), a number without a rate: give its rate, such as x.dot. kinetic_energy takes a",
+    ),
+    (
+        lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)),
+        "the angular velocity has the term k*sin(x)/l, a number without a rate",
+    ),
+    (
+        lambda: rotational_energy(i1, [0, 0, x.ddot]),
+        "component 2 of the angular velocity contains x.ddot, an acceleration: give its rate, such as x.dot.",
+    ),
+    (
+        lambda: rotational_energy(i1, k * lg.t),
+        "the angular velocity is k*t, an angle or its function: give its rate, such as w for the angle w*t.",
     ),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
 ]
