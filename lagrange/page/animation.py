@@ -34,7 +34,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 LARGEST_SHOWN = 300_000
-"""Longest player that a notebook stores, in characters; in place of a longer one it shows the first frame."""
+"""Longest player that a notebook stores, in characters. In place of a longer one the notebook shows the first frame."""
 
 STYLES = ("auto", "light", "dark")
 
@@ -190,7 +190,10 @@ def png(pixels: Pixels) -> bytes:
 
 
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
-    """Return the path to write, and a note if it is another one. Raises StatementError for an unknown kind of file."""
+    """Return the path to write, and a note if it differs from the requested one.
+
+    Raises StatementError for an unknown kind of file.
+    """
     wanted = named_kind(path)
     check_place(wanted)
     if wanted.suffix.lower() != ".mp4" or has_ffmpeg():

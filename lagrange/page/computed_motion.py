@@ -15,11 +15,11 @@ from lagrange.statement.statement import Statement
 TARGET = "javascript"
 
 METHOD = "dop853"
-"""Method of the motion of a page."""
+"""Integration method with which a page computes the motion."""
 
 
 class NoPage(StatementError):
-    """A system whose motion a page cannot compute."""
+    """Error: a page cannot compute the motion of this system."""
 
 
 ALWAYS = ("rhs", "energy", METHOD)
@@ -35,7 +35,7 @@ MOST_STEPS = 5000
 
 @dataclass(frozen=True)
 class MotionSource:
-    """The exported module, the values of its parameters, and the names of its contents."""
+    """The exported JavaScript module of a system, its parameter values, and the names of the quantities it computes."""
 
     text: str
     parameters: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""A page as one HTML document that runs no code except its own: its parts, its scripts and their policy."""
+"""The HTML document of a page: its parts, its scripts, and the security policy that admits no other script."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lagrange.show.notation.text import UnicodeNotation
 from lagrange.statement.statement import Statement
 
 SPACE = 3
-"""Number of entries of a position in space."""
+"""Dimension of space: positions with this number of entries can be turned."""
 
 
 def legend(statement: Statement) -> str:
-    """Return the names of the points that move, with their colours."""
+    """Return HTML with the names of the moving points in their colours."""
     names = moving_points(statement)
     if not 1 < len(names) <= MOST_NAMED:
         return ""
@@ -31,19 +31,19 @@ def legend(statement: Statement) -> str:
 
 
 def hint(statement: Statement) -> str:
-    """Return instructions for turning a picture of space."""
+    """Return HTML with instructions for turning the picture, empty for a system that does not move in space."""
     in_space = any(len(point) == SPACE for point in statement.positions.values())
     return '<p class="hint">Drag to turn</p>' if in_space else ""
 
 
 def phase_choices(statement: Statement) -> str:
-    """Return the options of the phase plane, one for each coordinate."""
+    """Return the HTML options of the phase plane, one for each coordinate."""
     letter = UnicodeNotation(statement.names).letter
     return "".join(f'<option value="{k}">{escape(letter(name))}</option>' for k, name in enumerate(statement.names))
 
 
 LEAST_COLOURS = 3
-"""Least number of colours: the lines of the plot of energies."""
+"""Least number of colours on a page: the plot of energies has three lines."""
 
 
 def colour_rules(statement: Statement) -> str:
@@ -84,10 +84,10 @@ _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?
 
 
 def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden: str = "", *, trusted: bool) -> str:
-    """Return a template filled with its parts and scripts.
+    """Return a page: a template filled with its parts and scripts.
 
-    Its policy allows only these scripts, a `hidden` one that they add, and the style in `parts`, by their hashes, and
-    no requests. With `trusted`, no script can add anything.
+    Its security policy allows only these scripts, a `hidden` one that they add, and the style in `parts`, by their
+    hashes; it allows no requests. With `trusted` no script can add another one.
     """
     allowed = " ".join(hash_of(script) for script in (*scripts.values(), hidden) if script)
     policy = f"default-src 'none'; script-src {allowed}; style-src {hash_of(parts['style'])}; base-uri 'none'; "
@@ -99,13 +99,13 @@ def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden
 
 @cache
 def template(name: str) -> str:
-    """Return a file of the template as text."""
+    """Return the text of a file of the template by its name."""
     return (TEMPLATE / name).read_text("utf-8")
 
 
 @cache
 def joined(*names: str) -> str:
-    """Return scripts of the template as one."""
+    """Return several scripts of the template as one text."""
     return '"use strict";\n' + "\n".join(template(f"{name}.js") for name in names)
 
 

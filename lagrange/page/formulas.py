@@ -67,11 +67,12 @@ def formulas(derivation: Derivation) -> str:
 
 
 FEW = 15
-"""Most sliders that are shown open. With more, those of the initial state are folded, and excess parameters."""
+"""Largest number of sliders that are shown unfolded. With more, those of the initial state and excess parameters are
+folded."""
 
 
 def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return the sliders in groups: chosen ones, parameters, initial values."""
+    """Return HTML of the sliders in groups: those the user chose, parameters, initial values."""
     chosen = [(place, slider) for place, slider in enumerate(found) if slider.chosen]
     others = [(place, slider) for place, slider in enumerate(found) if not slider.chosen]
     parameters = [pair for pair in others if pair[1].kind == PARAMETER]
@@ -110,7 +111,7 @@ def _slider(place: int, slider: Slider, page: FoldedFormulas, *, units: bool) ->
 
 
 def note(statement: Statement) -> str:
-    """Return a note on the picture if it does not show the motion of points."""
+    """Return a note below the picture if the picture does not show the motion of points."""
     if statement.positions:
         return ""
     said = "No positions are stated for this system: the picture shows its coordinates over time."

@@ -30,16 +30,16 @@ from lagrange.show.notation.symbols import plain_text
 from lagrange.trajectory.trajectory import FloatArray
 
 BESIDES = 250
-"""Height in pixels of a player without its picture: the name, the controls and the plots."""
+"""Height in pixels of everything in a player except the picture: the name, the controls and the plots."""
 
 LEVELS = 2**13
-"""Whole numbers between the least and the largest value of a row: an eighth of a pixel of a picture."""
+"""Number of quantization levels between the least and the largest value of a row: steps of an eighth of a pixel."""
 
 MOST_COORDINATES = 20
-"""Most coordinates whose states are recorded beside named points: more are not chosen among, and double the size."""
+"""Largest number of coordinates that are recorded beside named points: more would double the size of the page."""
 
 LONG = 10.0
-"""Seconds on the screen of a long trail."""
+"""Duration of a long trail, in seconds on the screen."""
 
 
 def player_page(recording: Recording, film: Film, style: str, notes: Sequence[str]) -> str:
@@ -87,7 +87,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
 
 
 def frame_size(film: Film) -> tuple[int, int]:
-    """Return the width and the height in pixels of the frame of a player in a notebook."""
+    """Return the width and height in pixels of the player's frame in a notebook."""
     width, height = film.size
     return max(width, 480), round(film.scene_share * height) + BESIDES
 

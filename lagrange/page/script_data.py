@@ -23,7 +23,7 @@ SHOWN = 20.0
 
 
 ENERGIES = ("E", "T", "V")
-"""Energies in the order of the scripts: the conserved one, and the stated ones unless a Lagrangian is stated alone."""
+"""Names of the energies in the order of the scripts: the conserved E first; T and V only if they were stated."""
 
 
 def description(statement: Statement, rate: float, energies: Sequence[str]) -> dict[str, Any]:
@@ -58,7 +58,10 @@ def _states(statement: Statement) -> list[dict[str, str]]:
 
 
 def _letter(letter: str, dots: int) -> str:
-    """Return the symbol of a coordinate or its velocity, without a dot, which is too small on a screen."""
+    """Return the symbol of a coordinate or its velocity for plots.
+
+    It has no dot, which would be too small on a screen.
+    """
     return f"d{letter}/dt" if dots else letter
 
 
@@ -98,7 +101,7 @@ def moving_points(statement: Statement) -> list[str]:
 
 
 def rate_of(t_end: float) -> float:
-    """Return the units of time that play in a second: 1, or for very short or long runs `t_end` / `SHOWN`, rounded."""
+    """Return the speed in units of time per second: 1, or for very short or long runs `t_end` / `SHOWN`, rounded."""
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
     return math.copysign(shown, t_end)

@@ -1,4 +1,4 @@
-"""Sliders: bounds that the user gives, checked, and the sliders of a page with default bounds."""
+"""Sliders of a page: bounds given by the user, which are checked, and default bounds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ EXAMPLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Slider:
-    """A value that a slider changes, with its bounds; `place` is its index in the parameters or in the initial state.
+    """A value that a slider changes, with its bounds. `place` is its index in the parameters or in the initial state.
 
     `chosen` is true if the user chose it by name; `angle` is true if the value is in radians.
     """
@@ -45,7 +45,7 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return the values that may have a slider, by name: kind and index of each parameter and entry of the state."""
+    """Return all values that may have a slider, by name, as (kind, index): parameters and entries of the state."""
     parameters = {p.name: (PARAMETER, place) for place, p in enumerate(statement.parameters)}
     return parameters | {name: (STATE, place) for place, name in enumerate(statement.state_names)}
 
@@ -76,7 +76,7 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
 
 
 def _names(statement: Statement) -> dict[Any, str]:
-    """Return the name of each value, by its symbol and by its name."""
+    """Return the names of all values that may have a slider. The keys are both their symbols and their names."""
     states = statement.state_names
     rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
     return {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rows}
@@ -106,10 +106,10 @@ NICE = (1.0, 2.0, 3.0, 5.0, 10.0)
 """First digits of default bounds."""
 
 LEAST, MOST = 0.1, 3.0
-"""Bounds of a parameter relative to its value: zero, as the lower bound, would often leave a system without inertia."""
+"""Bounds of a parameter as multiples of its value. A lower bound of zero would often leave a system without inertia."""
 
 SHARE = 0.9
-"""Range of a coordinate with a nonzero start, relative to its value: its sign stays the same."""
+"""Half-range of a coordinate with a nonzero start, as a fraction of its value: its sign stays the same."""
 
 
 def sliders(
@@ -118,7 +118,7 @@ def sliders(
     """Return a slider for each parameter and each entry of the initial state, those in `asked` first.
 
     `asked` maps symbols or names to bounds (low, high). Raises StatementError for unknown names, and for bounds that do
-    not contain the value.
+    not contain the present value.
     """
     statement = model.statement
     bounds = asked_bounds(statement, asked)

@@ -114,7 +114,7 @@ def _lines(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _contact_lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return a line for each contact, with its impacts and its state at the end, and the energy that all have taken."""
+    """Return for each contact its impacts and its state at the end, and the total energy that contacts dissipated."""
     if not solution.contacts or not len(solution.t):
         return []
     lines = [

@@ -87,7 +87,10 @@ def render(
 
 
 class Page(ABC):
-    """Writer of sections in one markup language, with the class of its notation of formulas."""
+    """Base class of writers of derivations, one per markup language.
+
+    Each has the notation in which it writes formulas.
+    """
 
     notation: ClassVar[type[Notation]] = Notation
 
@@ -101,7 +104,10 @@ class Page(ABC):
         """Return the page."""
 
     def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
-        """Return a heading; `formula` is the format of its symbol."""
+        """Return the text of a section's heading.
+
+        `formula` is the format string for the symbol that the section is about.
+        """
         words = quoted(section.heading)
         return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
 
@@ -146,18 +152,18 @@ class LatexPage(Page):
         "appear in L:": "appear in $L$:",
         "M a = h": "$M \\ddot q = h$",
     }
-    """Formulas in sentences about the structure, and their LaTeX."""
+    """LaTeX of the formulas that occur in sentences about the structure."""
 
     notation = LatexNotation
 
     def aligned(self, lines: Sequence[FormulaLine], environment: str) -> str:
-        """Return lines below one another."""
+        """Return the lines of a formula below one another, in a LaTeX environment."""
         starts = (f"{line.left} &= " if line.left else "&\\quad " if line.goes_on else "&" for line in lines)
         rows = [start + line.right for start, line in zip(starts, lines, strict=True)]
         return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
 
     def formula(self, row: Formula) -> str:
-        """Return a formula without its delimiters."""
+        """Return a row of a section as LaTeX without dollar signs."""
         lines = self.lines.formula(row)
         return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
 
@@ -201,9 +207,9 @@ class LatexPage(Page):
                 yield self.row(group[0]) if len(group) == 1 else f"\\[ {beside} \\]"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
-        """Return a sentence with its symbols as formulas.
+        """Return a sentence in LaTeX, with its symbols as formulas.
 
-        These are a coordinate at the begin, momenta, Greek letters, and names that end with a digit.
+        Symbols are a coordinate at the start of the sentence, momenta, Greek letters, and names that end with a digit.
         """
         names = {*self.statement.names, *(p.name for p in self.statement.parameters)}
         letter = self.lines.sides.notation.letter
@@ -251,7 +257,7 @@ class HtmlPage(Page):
     """An HTML page with MathML, whose sections fold; long ones are folded when it opens."""
 
     cell = '<mtd style="text-align: {}">{}</mtd>'
-    """A cell of a formula with several lines, aligned to the right or to the left."""
+    """HTML of one cell of a formula on several lines; its alignment is right or left."""
 
     notation = MathmlNotation
 

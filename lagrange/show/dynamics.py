@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TIGHT, USUAL = 1e-12, 1e-9
-"""Default relative tolerances: for portraits and sections, whose orbits visibly close, and for bifurcations."""
+"""Default relative tolerances: 1e-12 for portraits and sections, whose orbits must close visibly, and 1e-9 for
+bifurcations."""
 
 ORBIT_STEPS = 20_000
 """Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
@@ -57,7 +58,10 @@ _MOST_PLACES = 8
 
 
 class Drawn(ABC):
-    """A record with a card and a picture; `status` says whether it is complete, `message` names the missing parts."""
+    """Base class of results with a card and a picture.
+
+    `status` says whether the result is complete; `message` names missing parts.
+    """
 
     statement: Statement
     status: Status
@@ -72,7 +76,10 @@ class Drawn(ABC):
         """Return the lines of the card, a label and a text each."""
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
-        """Write the picture of `plot()`; see `Race.to_png`."""
+        """Write the picture of `plot()`, with `dpi` dots per inch.
+
+        Raises StatementError for a path that cannot be written.
+        """
         return write_atomically(path, picture(lambda: self.plot(style=style), dpi))
 
     def __repr__(self) -> str:
@@ -90,7 +97,7 @@ class Drawn(ABC):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhasePortrait(Drawn, PortraitData):
-    """A phase portrait; see `lagrange.phase_portrait`."""
+    """Orbits, equilibria and separatrices on a plane of the state; the result of `lagrange.phase_portrait`."""
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure: the field, nullclines, orbits, separatrices and equilibria."""
@@ -116,7 +123,7 @@ class PhasePortrait(Drawn, PortraitData):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoincareSection(Drawn, SectionData):
-    """A Poincare section; see `lagrange.poincare`."""
+    """Times and states at the crossings of each orbit; the result of `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure: a point for each crossing, a colour for each orbit; `x`, `y` are entries of the state."""
@@ -130,7 +137,7 @@ class PoincareSection(Drawn, SectionData):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bifurcation(Drawn, SweepData):
-    """A bifurcation diagram of settled motions; see `lagrange.bifurcation`."""
+    """Sampled states of settled motions along a parameter; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure: points of the settled motion against the parameter; `entry` is one of the state."""
@@ -149,7 +156,7 @@ class Bifurcation(Drawn, SweepData):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EquilibriumBranches(Drawn, BranchesData):
-    """Equilibria along a parameter; see `lagrange.bifurcation`."""
+    """Branches of equilibria along a parameter; the result of `lagrange.bifurcation` without driving or section."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure: a line for each branch, dashed where it is unstable; `entry` is a coordinate."""
@@ -166,7 +173,7 @@ class EquilibriumBranches(Drawn, BranchesData):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShownModes(Modes):
-    """The modes of a system with their picture; see `System.modes`."""
+    """Frequencies and shapes of small oscillations; the result of `System.modes`."""
 
     def __post_init__(self) -> None:
         if self.symbolic:
@@ -206,7 +213,10 @@ def shown_as(kind: type[_Record], data: Any) -> _Record:
 
 
 def _stability(values: np.ndarray, stable: np.ndarray) -> str:
-    """Return the ranges of the parameter in which no eigenvalue of a branch has a positive real part, as text."""
+    """Return, as text, the ranges of the parameter in which a branch is stable.
+
+    A branch is stable where no eigenvalue has a positive real part.
+    """
     within = values[stable == 1]
     if not len(within):
         return "unstable"
@@ -362,7 +372,7 @@ def _runs(
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the model of a system, and its runs. `how` is (method, rtol, step); `tight` is the default of rtol."""
+    """Return the compiled runs of a system. `how` is (method, rtol, step), and `tight` the default of rtol."""
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 
 MOST_LETTERS = 240
-"""Letters on the card for the message of the first failed member; `messages` has all."""
+"""Longest message of a failed member on the card, in characters; `messages` has the whole text."""
 
 MOST_DRAWN = 1_000_000
 """Most members whose picture a notebook shows automatically: more take seconds to read and to draw."""
@@ -149,7 +149,10 @@ class Ensemble:
         return found
 
     def label(self, key: Any) -> str:
-        """Return the name of a row, a varied or a kept quantity. Raises StatementError for anything else."""
+        """Return the key as a name: of a row of `y`, a varied or a kept quantity.
+
+        Raises StatementError for anything else.
+        """
         label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
         others = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
         known = dict.fromkeys([*self.names, *self.table.labels, *others])
@@ -168,7 +171,7 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return a column. Raises StatementError if it was not kept."""
+        """Return a column of kept quantities by name. Raises StatementError if it was not kept."""
         if all(one.name != column for one in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
@@ -279,7 +282,10 @@ class Ensemble:
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return the name of a varied quantity in a Dataset; with t_eval a coordinate gets the suffix _start."""
+        """Return the name of a varied quantity in a Dataset.
+
+        With t_eval the start of a coordinate gets the suffix _start.
+        """
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
@@ -445,7 +451,7 @@ def ensemble(
 def _run(
     job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
-    """Run the members of a job, and return the results."""
+    """Run the members of a job, or those that a store lacks, and return the Ensemble."""
     problem, method = job.problem, job.options.method
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None

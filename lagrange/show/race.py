@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 _ROWS = 15
-"""Most methods in a column of the legend; with more columns it has no settings."""
+"""Largest number of methods in a column of the legend. With more columns the legend shows no settings."""
 
 _WIDTH = 125
 """Letters per line below the picture."""
@@ -88,7 +88,10 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 
 
 def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: FigureStyle) -> None:
-    """Draw a method: open marks for other libraries, and open marks without a line for errors below the uncertainty."""
+    """Draw the curve of one method.
+
+    Other libraries have open marks; errors below the uncertainty have open marks without a line.
+    """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": own.colour, "marker": own.marker, "markersize": 5.5, "markeredgewidth": 1.0}
     common["linewidth"] = 1.0 if rival else 1.6
@@ -114,7 +117,7 @@ def _settings(entries: list[Entry]) -> str:
 
 
 def _short(size: float) -> str:
-    """Return a size with two digits, small ones as 1e-9."""
+    """Return a step size or tolerance with two digits, and small ones as 1e-9."""
     mantissa, _, exponent = f"{size:.1e}".partition("e")
     return f"{size:.2g}" if 1e-2 < size < 1e3 else f"{mantissa.removesuffix('.0')}e{int(exponent)}"
 
@@ -208,7 +211,11 @@ class Race:
 
     @property
     def floor(self) -> float:
-        """Change of the end, in the measure of the errors, if one state along the run is rounded to a double."""
+        """Rounding floor of the errors.
+
+        It is the change of the final state, in the measure of the errors, if one state along the run is rounded to a
+        double.
+        """
         return self.result.sensitivity.floor
 
     @property
@@ -233,7 +240,7 @@ class Race:
         return min(within, key=lambda entry: entry.time, default=None)
 
     def measure(self) -> str:
-        """Return the definition of an error, in words."""
+        """Return the definition of the errors as a sentence."""
         count = len(self.result.reference.times)
         where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")

@@ -37,7 +37,7 @@ def stored_between(run: Trajectory) -> dict[str, FloatArray]:
 
 
 def known_alone(run: Trajectory) -> OutputPath | None:
-    """Return the known states of a run without dense output, or None if it has dense output."""
+    """Return the known states of a run without dense output; None for a run with dense output."""
     return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
 
 

@@ -1,4 +1,4 @@
-"""Text for a terminal: tables, durations, lines that fit its width, and the language of a derivation."""
+"""Text for a terminal: tables, durations, lines wrapped to its width, and the style of derivations that it supports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def duration(seconds: float) -> str:
 
 
 LEAST_WIDTH = 40
-"""Width in columns below which lines are not wrapped: it would not make them easier to read."""
+"""Width of a terminal in columns below which lines are not wrapped, because wrapping would not help."""
 
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")
 """Matches the first column of a table row."""

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Pixels = NDArray[np.uint8]
-"""A frame, (height, width, 4): red, green, blue, and 255."""
+"""A frame as an array (height, width, 4) of bytes: red, green, blue, and opacity 255."""
 
 WIDTH, TALLEST = 640, 400
 """Default width of a picture, and greatest default height of its scene, in pixels."""
@@ -50,27 +50,29 @@ FADES = 12
 """Parts of a trail with different opacities."""
 
 FAINT, CLEAR = 0.3, 0.85
-"""Opacity of curves in the future, and of the newest part of a trail."""
+"""Opacity of the part of a curve after the time of the frame, and of the newest part of a trail."""
 
 _DOT, _COIL = 14.0, 14.0
-"""Width in points of a moving point, and of a spring."""
+"""Widths in points: of the dot of a moving point, and of the zigzag of a spring."""
 
 MOST_PANELS = 6
-"""Most panels of coordinates; more coordinates share them, as a frame has no room for more."""
+"""Largest number of panels for coordinates. With more coordinates several share a panel: a frame has no room for more
+panels."""
 
 _HEADER, _NAMES, _CHART, _TITLE, _TIME = 32.0, 18.0, 88.0, 20.0, 32.0
 """Heights in points of the header, the names of points, a panel over time, its title, and the labels of time."""
 
 _LEFT, _RIGHT, _UNDER = 56.0, 16.0, 36.0
-"""Room in points on both sides of a panel, and under a scene for its numbers."""
+"""Margins in points: to the left and right of a panel, and below a scene for the numbers of its axis."""
 
 _TALL, _LEAST = 1.7, 60.0
-"""Ratio of height to width from which on a scene is beside the panels, and the least height of a scene."""
+"""Ratio of height to width above which a scene is drawn beside the panels, and the least height of a scene in
+points."""
 
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """Requested size in pixels, None for one that fits the motion, and requested duration of trails."""
+    """Size of the picture in pixels, or None for a size that fits the motion, and duration of trails, as requested."""
 
     size: tuple[int, int] | None
     trail: float | None
@@ -90,7 +92,10 @@ def film_options(size: Any, trail: Any) -> FilmOptions:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows (R, S) over time in one panel, their labels and colours, and the title with its unit."""
+    """R curves at S samples for one panel over time, with their labels and colours.
+
+    `title` is that of the panel, with the unit.
+    """
 
     title: str
     rows: FloatArray
@@ -100,7 +105,7 @@ class Rows:
 
 
 def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
-    """Return the panels over time: the coordinates if no points are named, and the energies."""
+    """Return the panels over time of a recording: its coordinates, if it has no named points, and its energies."""
     panels = [] if recording.points else _coordinates(recording, style)
     if recording.energies:
         names, zero = tuple(recording.energies), recording.zero
@@ -128,7 +133,7 @@ def _coordinates(recording: Recording, style: FigureStyle) -> list[Rows]:
 
 
 class Film:
-    """Frames of a recording by their numbers, as pixels. The first frame also draws the fixed parts."""
+    """Draws the frames of a recording as pixels, by number. The first call also draws the fixed parts."""
 
     def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: FigureStyle) -> None:
         self.recording, self.timing, self.style = recording, timing, style
@@ -146,7 +151,10 @@ class Film:
 
     @property
     def scene_share(self) -> float:
-        """Height of the scene, or of the coordinates without one, as a part of the picture."""
+        """Height of the panel of the scene, as a fraction of the height of the picture.
+
+        Without points the scene is that of the coordinates.
+        """
         return self.plan.scene[3] if self.scene is not None else 0.7
 
     @cached_property
@@ -159,18 +167,18 @@ class Film:
         return len(self.timing.t)
 
     def frame(self, number: int) -> Pixels:
-        """Return a frame by its number. The next frame is drawn in the same memory."""
+        """Draw frame `number` and return its pixels. They are overwritten by the next frame."""
         t = float(self.timing.t[number])
         return self._drawn.at(number * self.recording.detail, self.clock_text(t))
 
     @property
     def palette(self) -> tuple[str, ...]:
-        """Colours of all parts, the background first."""
+        """All colours of the picture as #rrggbb, the background first."""
         style, shades = self.style, [colour for part in (self.scene, *self.panels) if part for colour in part.colours]
         return (*dict.fromkeys((style.paper, style.ink, style.quiet, style.grid, *shades)),)
 
     def clock_text(self, t: float) -> str:
-        """Return the text of the clock."""
+        """Return the text that shows the time `t` in a frame."""
         text = f"{t:.{self.decimals}f}"
         text = text if float(text) else text.replace("-", "")
         unit = unit_of(self.recording.statement, "t")
@@ -178,7 +186,7 @@ class Film:
 
 
 class _FilmFigure:
-    """The figure of a film, its fixed parts as pixels, and its moving parts."""
+    """Matplotlib figure of a film: its fixed parts, drawn once as pixels, and the artists that move."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -205,14 +213,17 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """The fixed parts with all curves clear, of which a frame after the first shows the part up to its time."""
+        """Pixels of the fixed parts with all curves at full opacity.
+
+        A later frame copies from it the part of each curve up to its time.
+        """
         for chart in self.charts:
             for line in chart.clear:
                 line.draw(self.renderer)
         return self.pixels.copy()
 
     def header(self, film: Film) -> None:
-        """Write the name, the speed if it is not real time, and make the clock."""
+        """Write the name of the system, and the speed if it is not real time; make the text of the clock."""
         style, (width, height) = film.style, film.size
         across, top = width / film.plan.scale, height / film.plan.scale - 20
 
@@ -245,7 +256,10 @@ class _FilmFigure:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Size of the picture, scale of all sizes, and places of the panels as parts of it: left, bottom, width, height."""
+    """Layout of a picture: its size, the scale of all sizes, and the rectangles of its panels.
+
+    A rectangle is (left, bottom, width, height), as fractions of the picture.
+    """
 
     size: tuple[int, int]
     scale: float
@@ -254,7 +268,7 @@ class _Plan:
 
 
 def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
-    """Return the places of the scene and of `count` panels: above one another, or side by side for a tall scene."""
+    """Return the layout of the scene and of `count` panels: above one another, or side by side if the scene is tall."""
     width = size[0] if size else WIDTH
     scale = max(SMALLEST, width / WIDTH)
     across = width / scale
@@ -281,7 +295,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
     left = _LEFT if scene is None or scene.box is None else _RIGHT
 
     def part(x: float, y: float, wide: float, high: float) -> tuple[float, float, float, float]:
-        """Return a place from its distances in points from the left and the top."""
+        """Return a rectangle as fractions of the picture, from distances in points from its left and top edges."""
         return x / across, 1 - (y + high) / down, wide / across, high / down
 
     start, first = (border, top) if beside else (0.0, top + free + under)
@@ -330,7 +344,7 @@ class MovingScene:
 
     @property
     def ratio(self) -> float:
-        """Best ratio of height to width."""
+        """Ratio of height to width that fits the motion."""
         width, height = np.ptp(self.limits, axis=1)
         return float(height / width) if self.to_scale else 0.6
 
@@ -428,7 +442,10 @@ class Pen:
 
 
 class MovingChart:
-    """Curves over time in a panel: pale as a whole, clear up to now, with a dot at now."""
+    """Curves over time in one panel.
+
+    They are pale at first, at full opacity up to the time of the frame, with a dot there.
+    """
 
     def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: FigureStyle, *, named: bool) -> None:
         self.axis, self.t, self.rows, self.style = axis, recording.t, rows, style
@@ -454,13 +471,16 @@ class MovingChart:
             axis.tick_params(labelbottom=False)
 
     def past(self, k: int, height: int) -> tuple[slice, slice]:
-        """Return the part of the pixels, rows and columns, in which the curves up to sample k are."""
+        """Return the slices of pixel rows and columns that contain the curves up to sample k.
+
+        `height` is that of the picture in pixels.
+        """
         box, place = self.axis.get_window_extent(), self.axis.transData.transform
         left, right = sorted(round(float(place((float(self.t[n]), 0.0))[0])) for n in (0, k))
         return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw a line at sample k, and a dot on each curve."""
+        """Draw the vertical line of the current time, at sample k, and a dot on each curve."""
         t = float(self.t[k])
         pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, 1.0)
         for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):

@@ -64,7 +64,10 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
 
 
 def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the first true index and the one after the last; for no true index an arbitrary one."""
+    """Return the index of the first true value, and the index after the last one.
+
+    Without true values both are arbitrary.
+    """
     found = np.flatnonzero(changed)
     return (int(found[0]), int(found[-1]) + 1) if len(found) else (0, 1)
 
@@ -99,7 +102,7 @@ class _Colours:
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return the indices of colours in a table of 32 by 32 by 32."""
+    """Return for each pixel its index in a table of 32 by 32 by 32 colours."""
     red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
     cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
     return cells

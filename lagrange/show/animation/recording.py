@@ -23,7 +23,8 @@ MOST_DETAIL = 16
 """Most samples for each frame: a path turns by a few degrees between two of them."""
 
 _GAP = 2.5
-"""Ratio of the range of the energies to that with the least potential as zero from which the latter is drawn."""
+"""If V and E, drawn from zero, extend the range of the energies by more than this factor, they are drawn from the least
+V."""
 
 JUMP = 1e-9
 """Change of a state at an event, relative to the states, above which the event has reset it."""
@@ -48,11 +49,15 @@ class Recording:
     jumps: NDArray[np.intp]
     detail: int
     energy_size: float = 0.0
-    """Size of the terms of the energies: changes below its rounding noise are level."""
+    """Largest magnitude of the terms that are added to the energies. Changes smaller than its rounding noise are drawn
+    as a level line."""
 
     @property
     def zero(self) -> float:
-        """Energy from which V and E are drawn: the least V if curves counted from 0 would look like straight lines."""
+        """Energy that is subtracted from V and E for drawing: the least V or 0.
+
+        It is the least V if the curves, drawn from 0, would look like straight lines.
+        """
         if len(self.energies) < 2:
             return 0.0
         rows, least = np.array([*self.energies.values()]), float(self.energies["V"].min())
@@ -99,7 +104,8 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
 
 
 EXACT = 1e-3
-"""Largest distance of a curve from straight lines between its samples, relative to its extent: half a pixel."""
+"""Tolerance of thinning: the largest distance between a curve and the straight lines through its samples, relative to
+its extent. It is half a pixel."""
 
 
 def thinned(recording: Recording) -> Recording:

@@ -44,7 +44,7 @@ class Timing:
 
     @property
     def fps(self) -> float:
-        """Frames per second, so that the last frame is exactly at the end of the run."""
+        """Frames per second, adjusted so that the last frame is exactly at the end of the run."""
         return 1.0 / self.interval
 
     @property
@@ -111,7 +111,10 @@ def _said(speed: float | None, pace: float, whole: float) -> tuple[str, ...]:
 
 
 def _fitting(whole: float, fps: float) -> float:
-    """Return real time, 1, or a round speed for which the run is neither too long nor too short."""
+    """Return the speed for a run of duration `whole`.
+
+    It is 1, real time, or a round speed if the run would else be too short or too long.
+    """
     longest = (MOST_FRAMES - 1) / fps
     if whole < _TINY or SHORTEST <= whole <= longest:
         return 1.0

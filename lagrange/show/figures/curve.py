@@ -15,8 +15,8 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _NARROW = 1e-4
-"""Range of values or times, relative to the largest, below which a constant is subtracted and named in the label: else
-tick labels would share more than five digits."""
+"""Ratio of the range of values or times to the largest of them below which a constant is subtracted and named in the
+label. Tick labels would else share more than five digits."""
 
 
 def base_of(values: FloatArray) -> float:
@@ -29,16 +29,16 @@ def base_of(values: FloatArray) -> float:
 
 
 def less(label: str, base: float) -> str:
-    """Return a label of values with the subtracted number."""
+    """Return a label of values from which `base` was subtracted: "x - 1000"."""
     if base == 0:
         return label
     return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
 
 
 def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
-    """Return the limits of an axis around the finite values, with some room.
+    """Return the limits of an axis around the finite values, with a margin.
 
-    A change that is rounding noise of the values, or of `scale`, is a level line in the middle.
+    A change that is rounding noise of the values, or of `scale`, is drawn as a level line in the middle.
     """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -51,26 +51,26 @@ def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
 
 
 MARGIN = 0.06
-"""Room beside the values of an axis, as a part of their range."""
+"""Margin beside the values of an axis, as a fraction of their range."""
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
 SHARE = 0.9
-"""Least part of the time whose values a panel shows; as much room again is on either side."""
+"""Least fraction of the time whose values a panel shows; there is as much room again above and below."""
 
 ROOM = 0.15
-"""Distance that lines continue beyond a panel, in parts of its height."""
+"""Distance by which lines continue beyond a panel, as a fraction of its height."""
 
 EDGE = 0.1
-"""Room beside the least or largest value at the edge of a window, in parts of the range of the middle values."""
+"""Margin between the extreme values and the edge of a window, as a fraction of the range of the middle values."""
 
 _SAMPLES = 2001
 
 
 @dataclass(frozen=True)
 class AxisWindow:
-    """Range (low, high) of values in the panel of a run that leaves it, and the largest value outside."""
+    """Limits (low, high) of the panel of a run whose values grow beyond it, and the largest value outside."""
 
     low: float
     high: float
@@ -83,7 +83,7 @@ class AxisWindow:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Values at which lines are cut, a little beyond the panel."""
+        """Values at which lines are cut: a little outside the panel."""
         room = ROOM * (self.high - self.low)
         return self.low - room, self.high + room
 
@@ -93,10 +93,10 @@ class AxisWindow:
 
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
-    """Return the window for rows (r, K) of a run at times (K,); None if the panel shows all values.
+    """Return the window of rows (r, K) of a run, or None if the panel shows all their values.
 
-    The window is the middle of the values, weighted by time, and as much again on either side. A run that did not end
-    at a singularity is shown whole, and so is one whose values are all within these limits.
+    The window contains the middle of the values, weighted by time, and as much again on either side. A run that did not
+    end at a singularity is shown whole, and so is one whose values are all within these limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -165,8 +165,8 @@ TOLERANCE = 0.3
 quarter. The largest distance measured over all scenes and 1,000 periods is 0.3."""
 
 MOST = 2**18
-"""Most samples of a curve: then inexact chords remain. This was seen only for rounding noise and after 10,000 periods,
-where each column of pixels has the smallest and the largest of 100 samples."""
+"""Largest number of samples of a curve; chords that are still inexact then remain. It was reached only for rounding
+noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
 
 _MOST_VALUES = 2**24
 """Most samples times rows: 128 MB."""
@@ -178,10 +178,11 @@ MOST_ROUNDS = 60
 """Most rounds of halving; fewer lead from any interval to the least."""
 
 _SHARE = 0.47
-"""Point at which an interval is divided. It is not the middle, where a symmetric turning point would meet its chord."""
+"""Point at which an interval is divided, as a fraction of its length. It is not 0.5: a symmetric turning point would
+lie on the middle."""
 
 _LEAST = 1e-9
-"""Least interval, as a part of the span, that is halved: in shorter ones there is a jump."""
+"""Intervals shorter than this fraction of the span are not divided: the values jump there."""
 
 LEVEL = 1e-9
 """Range of values, relative to the largest, below which they are drawn as a level line: the rest is rounding noise."""
@@ -216,7 +217,7 @@ def first_times(run: Trajectory) -> FloatArray:
 
 
 def outputs_alone(run: Trajectory) -> bool:
-    """Return True if a run has states at its outputs only, as a run from a file has."""
+    """Return True if a run has states at its outputs only, without dense output, as a run from a file."""
     return known_alone(run) is not None
 
 
@@ -280,7 +281,7 @@ def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatA
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (r, K) as points (r, 2, K) with time as abscissa."""
+    """Return values (r, K) as points (r, 2, K) whose abscissa is the time."""
     return np.stack([np.broadcast_to(t, values.shape), values], axis=1)
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 COMPLETE = np.array([status.complete for status in STATUSES])
-"""True for each status code of a complete run."""
+"""Table by status code: True if the run is complete."""
 
 _REDUCED = re.compile(r"(max|min|mean)\((.*)\)")
 _WORDS = {"max": "largest", "min": "least", "mean": "mean"}
@@ -40,9 +40,9 @@ _EVENT = re.compile(r"t_event_([0-9]+)")
 
 @dataclass(frozen=True, eq=False)
 class MemberQuantity:
-    """A number for each member, (members,): NaN if the member failed or has no value.
+    """Values of a quantity, one per member, (members,).
 
-    `angle` is true for an angle, between -pi and pi.
+    A value is NaN if the member failed or has no value. `angle` is true for an angle, wrapped to between -pi and pi.
     """
 
     name: str
@@ -68,7 +68,7 @@ class MemberQuantity:
 
 
 def quantity(runs: Ensemble, name: str) -> MemberQuantity:
-    """Return the quantity to draw, by name. Raises StatementError if it has more than a number for each member."""
+    """Return the quantity to draw, by name. Raises StatementError if it has more than one number for each member."""
     statement = runs.model.statement
     codes = np.asarray(runs.results.column(STATUS))
     row = runs.names.index(name) if name in runs.names else None
@@ -92,7 +92,7 @@ def quantity(runs: Ensemble, name: str) -> MemberQuantity:
 
 
 def label_of(runs: Ensemble, name: str) -> str:
-    """Return a varied or kept quantity as a label of an axis, with its unit."""
+    """Return the label of an axis for a varied or kept quantity: its symbol with its unit."""
     statement = runs.model.statement
     if name in runs.names:
         varied = " at the start" if name in runs.table.labels else ""
@@ -111,12 +111,12 @@ def label_of(runs: Ensemble, name: str) -> str:
 
 
 def _parameter(statement: Statement, name: str) -> str:
-    """Return a parameter as mathematics, and any other name unchanged."""
+    """Return the name of a parameter as mathematics, and any other name unchanged."""
     return f"${letter_of(name)}$" if any(one.name == name for one in statement.parameters) else name
 
 
 def first_drawn(runs: Ensemble) -> str:
-    """Return the name of the default quantity: the first that is kept besides states, else the first coordinate."""
+    """Return the name of the default quantity: the first kept one that is not a state, else the first coordinate."""
     kept = [column.name for column in runs.columns if column.name not in (STATE, OUTPUTS, STATUS, TIME)]
     numbers = [column.name for column in runs.columns if column.name in kept and not column.shape]
     if numbers:
@@ -142,11 +142,11 @@ MOST_CROSSES = 200
 """Most failed members that are marked with a cross each on a map; more are shown by their colour only."""
 
 EVEN = 1e-9
-"""Largest difference of spacings, relative to the range, for which values count as equally spaced."""
+"""Tolerance of equal spacing: the largest difference of spacings relative to the range of the values."""
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a row or a kept quantity over what varies; see `Ensemble.plot`."""
+    """Return the figure of a row of `y` or a kept quantity, against the varied quantities; see `Ensemble.plot`."""
     look, label = style_of(style), first_drawn(runs) if what is None else runs.label(what)
     axes = {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)
@@ -179,7 +179,10 @@ def _title(runs: Ensemble, what: str) -> str:
 
 
 def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> str:
-    """Draw a colour for every combination of two axes, the first horizontal; return the remark below."""
+    """Draw a map, a colour for each pair of values on two axes, and return the remark below it.
+
+    The first axis is horizontal.
+    """
     from matplotlib.colors import ListedColormap
 
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
@@ -222,7 +225,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 
 def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
-    """Draw a quantity against the varied one, with a cross at the bottom for each failed member."""
+    """Draw the quantity `found` against the only varied one, with a cross at the bottom for each failed member."""
     (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
     axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
     bottom = axis.get_xaxis_transform()
@@ -247,7 +250,7 @@ def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureSt
 
 
 def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
-    """Draw quantiles of a row over time, or each member if there are few."""
+    """Draw quantiles of a row of `y` over time, or a line for each member if there are few."""
     row, times = runs.y[runs.names.index(name)], runs.t
     if len(runs) <= FEW:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):

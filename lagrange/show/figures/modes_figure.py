@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 MOST_MODES = 8
-"""Most modes in a figure; one with more is taller than a page."""
+"""Largest number of modes in a figure: more would make it taller than a page."""
 
 LARGEST = 0.22
 """Largest displacement in the figure, as a part of the extent of the positions at rest."""
@@ -105,7 +105,10 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
 
 
 def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArray], float]:
-    """Return points (2,) and displacements (m, 2) projected to the plane, and the extent of the points."""
+    """Return the points at rest (2,), the displacements of m modes (m, 2), and the extent of the points.
+
+    Points and displacements are projected to the plane.
+    """
     if not shapes.points:
         return {}, {}, 0.0
     places = {
@@ -154,7 +157,10 @@ def _shape(
 
 
 def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, FloatArray], extent: float) -> None:
-    """Set the same limits for all modes: the points at rest and the largest displacement; no narrow strip."""
+    """Set the same limits for all modes.
+
+    They contain the points at rest with the largest displacement, and are not a narrow strip.
+    """
     whole = np.array(list(points.values()))
     middle = (whole.max(axis=0) + whole.min(axis=0)) / 2
     half = np.maximum((whole.max(axis=0) - whole.min(axis=0)) / 2, 0.12 * extent) + 1.15 * LARGEST * extent

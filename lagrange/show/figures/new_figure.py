@@ -19,7 +19,7 @@ SCREEN_DPI = 80
 
 
 def new_figure(**options: Any) -> Figure:
-    """Return an empty figure with options of Matplotlib's `Figure`."""
+    """Return an empty figure. The arguments are those of Matplotlib's `Figure`."""
     return _figure_class()(**options)
 
 

@@ -61,21 +61,21 @@ if TYPE_CHECKING:
 
 
 PANELS = 28
-"""More coordinates than this share panels."""
+"""Largest number of coordinates with a panel each; more coordinates share panels."""
 
 _SHORT = 10
-"""Longest name, in letters, beside a panel; a longer one is above it."""
+"""Longest name, in letters, that is written beside a panel. A longer one is written above it."""
 
 _LONGEST, _WIDEST = 120, 50
 """Longest formula above a panel, in letters of LaTeX and of plain text."""
 
 Values = Callable[["Solution"], FloatArray]
-"""Function from a solution to values (r, N) at its N outputs."""
+"""Function from a solution to r rows of values (r, N) at its N outputs."""
 
 
 @dataclass(frozen=True, eq=False)
 class PanelQuantity:
-    """Rows over time in one panel: labels in mathematics or words, unit, and values.
+    """Quantity in one panel over time: the values of its rows, their labels in mathematics or words, and the unit.
 
     `name` is the title of the panel; if it is empty, the only label is beside the panel. `drift` is true if the values
     are the change of a conserved quantity, which measures the error of the steps.
@@ -110,7 +110,7 @@ def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> PanelQu
 
 
 def _above(names: Sequence[str], *, rate: bool) -> str:
-    """Return the title of a panel of coordinates or their velocities, empty if a short label is enough."""
+    """Return the title of a panel of coordinates or their velocities; empty if a short label beside it is enough."""
     what = "velocity of " if rate else ""
     if len(names) > 1:
         return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
@@ -281,7 +281,7 @@ def label_of_entry(statement: Statement, name: str) -> str:
 
 
 def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
-    """Return an entry of the state, or its rate, as mathematics without a unit."""
+    """Return the symbol of an entry of the state, or of its rate, as mathematics without a unit."""
     known = letters(statement.names)
     dots = int(name not in known) + int(rate)
     letter = known[name] if name in known else known[name.removesuffix("_dot")]
@@ -289,10 +289,10 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
-    """Return a line (k,) in an angle, wrapped to the range from low to high.
+    """Wrap the line x (k,), y (k,) to the range of the angle x from low to high; return its lines.
 
-    At a crossing of the border the line has a point on either side, with NaN between them. If the range is more than a
-    turn, there is a copy for each turn.
+    At the border of the range the line has a point on either side, with NaN between them. If the range is more than one
+    turn, the line is repeated for each turn.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]
@@ -311,10 +311,10 @@ _ROUND_OFF = 1e-15
 """Relative drift below which the values are rounding noise, and do not fill a panel."""
 
 _MORE = 2.0
-"""Ratio of the drift of the dense output to that of the steps from which on it is an error of the dense output."""
+"""Error of the dense output is shown if its drift exceeds that of the steps by this factor."""
 
 _DRIFT_ROUNDS = 3
-"""Rounds of halving for a drift: it ends as rounding noise, which is never smooth."""
+"""Rounds of halving for the curve of a drift. It consists of rounding noise in the end, which is never smooth."""
 
 _FEW = 3
 """Fewer points than this are drawn as dots, because they form no line."""
@@ -322,9 +322,9 @@ _FEW = 3
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and a note on them.
+    """Curves (2, K) of a quantity of one run, with a note.
 
-    `window` is the range of a panel that does not show all values.
+    A flag says whether they are dots at the steps. `window` is the range of a panel that does not show all values.
     """
 
     lines: list[FloatArray]
@@ -335,7 +335,10 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class TimePanel:
-    """A quantity of some runs of systems with the same coordinates; `labels` distinguish the runs."""
+    """Panel of one quantity over time, for runs of systems with the same coordinates.
+
+    `labels` distinguish the runs.
+    """
 
     quantities: tuple[PanelQuantity, ...]
     solutions: tuple[Solution, ...]
@@ -344,7 +347,7 @@ class TimePanel:
 
     @property
     def height(self) -> float:
-        """Height relative to that of a coordinate."""
+        """Height of the panel relative to that of a coordinate."""
         return 1.3 if self.wide else 1.0
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
@@ -494,7 +497,7 @@ class PhasePanel:
 
 
 def _line(run: Solution, keys: tuple[str, str], pixels: Pixels) -> tuple[FloatArray, str]:
-    """Return the path of a run in the phase plane, (2, K), and a note if it leaves the panel."""
+    """Return the path of a run in the phase plane of two entries, (2, K), and a note if it leaves the panel."""
     rows = [run.names.index(key) for key in keys]
     times, note = times_in_sight(run, lambda t: run.at(t)[rows])
     if outputs_alone(run.trajectory):

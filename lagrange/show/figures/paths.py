@@ -88,7 +88,7 @@ class Box:
 
     @property
     def drawn(self) -> FloatArray:
-        """Corners of the floor and the top of the z axis, (3, 5)."""
+        """Corners of the drawn parts, the floor and the top of the z axis, (3, 5)."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return np.array([(x0, y0, z0), (x1, y0, z0), (x0, y1, z0), (x1, y1, z0), (x0, y0, z1)]).T
 
@@ -108,7 +108,7 @@ class Box:
 def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) -> None:
     """Draw the floor at the lowest z of a box, with numbers at its front edges, and the z axis at its left corner.
 
-    The azimuth of the view is between -90 and 0 degrees, and it is from above.
+    The view is from above, with an azimuth between -90 and 0 degrees.
     """
     (x0, y0, z0), (x1, y1, z1) = box.low, box.high
     for k, (begin, end) in enumerate((((0, y0), (0, y1)), ((x0, 0), (x1, 0)))):
@@ -134,7 +134,7 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
 def _numbers(
     axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: FigureStyle
 ) -> None:
-    """Write the numbers and the name of an axis of space outside of its edge."""
+    """Write the numbers and the name of axis `k` of space, outside its edge of the floor."""
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
     away = view.of(outwards[:, None])[:, 0] if k < 2 else np.array([-1.0, 0.0])
@@ -169,7 +169,8 @@ def is_slender(extents: FloatArray) -> bool:
 
 
 _LONGEST = 80.0
-"""Longest path, in sides of its panel: three times as much would cover half of it."""
+"""Longest path that is drawn, as a multiple of the side of its panel: three times as much would cover half of the
+panel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ class Paths:
     """Note on points that leave the panel."""
 
     def of(self, name: str) -> FloatArray:
-        """Return the path of a point, (2, K)."""
+        """Return the path of the point `name`, (2, K)."""
         return np.asarray(self.points[self.names.index(name)])
 
     def from_origin(self, origin: FloatArray) -> Paths:
@@ -206,7 +207,7 @@ class Paths:
 
     @cached_property
     def on_paper(self) -> FloatArray:
-        """All positions of the points, (2, N)."""
+        """All positions of all points on paper, (2, N)."""
         return np.concatenate([*self.points, self.starts.T], axis=1)
 
     @cached_property
@@ -286,7 +287,7 @@ def _times(solution: Solution) -> tuple[FloatArray, str]:
 
 
 def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the last of the times, in which no point (p, 2, K) goes further than a line can show."""
+    """Return the latest of the times, so that no point (p, 2, K) travels further than `_LONGEST`."""
     low, high = limits(np.concatenate([*points], axis=1))
     gone, size = lengths(points), float(np.max(high - low))
     if size <= 0 or gone[-1] <= _LONGEST * size:
@@ -301,7 +302,7 @@ _FARTHEST = 0.28
 """Share of its colour that the farthest depth has."""
 
 _LETTERS = 40
-"""Letters of a line above the panel of a path, as many as fit."""
+"""Longest line of text above the panel of a path, in letters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +402,7 @@ def _title(paths: Paths, shape: str) -> str:
 
 
 def _counted(origin: FloatArray) -> str:
-    """Return a note on the subtracted origin of positions in space, whose axes have no room for it."""
+    """Return a note that names the subtracted origin of positions in space, whose axes have no room for it."""
     parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
     return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 

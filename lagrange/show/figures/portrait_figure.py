@@ -106,7 +106,10 @@ def _nullclines(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return the line of an orbit on the plane, (k,) each, exact within a pixel; NaN between its parts."""
+    """Return the two coordinates of an orbit on the plane, (k,) each, exact within a pixel.
+
+    NaN separates its parts.
+    """
     first, second = portrait.plane
     rows = [first.row, second.row]
     pieces = []
@@ -124,7 +127,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
 
 
 def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
-    """Return the entries of a run on the axes at times (K,), (1, 2, K)."""
+    """Return the two entries of a run that the axes show, at times (K,): (1, 2, K)."""
     return np.asarray(run.dense(t)[rows][None])
 
 

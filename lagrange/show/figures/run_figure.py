@@ -104,13 +104,13 @@ class Contents:
         return [] if view is None else [PathPanel(self.solutions, self.labels, view)]
 
     def _over_time(self, of: Callable[[Solution], PanelQuantity | None], *, wide: bool = False) -> list[Panel]:
-        """Return one panel of a quantity of each run; none if a run lacks it."""
+        """Return one panel of a quantity for all runs; no panel if a run lacks it."""
         found = [of(run) for run in self.solutions]
         kept = [one for one in found if one is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(found) else []
 
     def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
-        """Return a panel for each of several quantities of the runs."""
+        """Return one panel for each of several quantities of the runs."""
         rows = zip(*(of(run) for run in self.solutions), strict=True)
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
 
@@ -282,7 +282,10 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Panels over time with a common axis, narrow ones in two columns if they are many, and rows of paths below."""
+    """Left part of a figure: panels over time with a common axis, above rows of paths.
+
+    Many narrow panels are in two columns.
+    """
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:
         narrow = [panel for panel in panels if not panel.wide]

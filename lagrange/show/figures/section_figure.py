@@ -78,7 +78,7 @@ def _label(axis: Axes, statement: Statement, columns: list[int], points: FloatAr
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a bifurcation diagram: the points on the section for each value of the parameter."""
+    """Return the figure of a bifurcation diagram: the sampled points against the parameter."""
     look, statement = style_of(style), sweep.statement
     row = row_of(statement, sweep.axes[0] if entry is None else entry, "entry")
     known = np.isfinite(sweep.states[..., row])

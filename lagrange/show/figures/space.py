@@ -78,7 +78,7 @@ def from_side(azimuth: float, elevation: float) -> View:
 
 
 def _kept(extents: FloatArray) -> FloatArray:
-    """Return the two axes of space along which points extend most, in their order."""
+    """Return the indices of the two axes of space along which points extend most, in rising order."""
     return np.sort(np.argsort(-extents, kind="stable")[:2])
 
 

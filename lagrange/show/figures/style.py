@@ -30,7 +30,7 @@ _LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
 
 
 def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
-    """Return `count` different colours: beyond eight, hues around the circle, light and dark in turn."""
+    """Return `count` different colours: `few` for up to eight, else hues around the circle, light and dark in turn."""
     if count <= len(few):
         return few[:count]
     shares = (hls_to_rgb(k / count, _LIGHTNESS[k % 3], _SATURATION[k % 3]) for k in range(count))
@@ -41,11 +41,11 @@ MOST_NAMED = 10
 """Most moving points with a colour and a name each; more are alike and small."""
 
 _SMALL = 0.4
-"""Size of such points relative to a few."""
+"""Factor of the size of moving points beyond `MOST_NAMED`."""
 
 
 def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
-    """Return the colour of each of `count` moving points, and the factor of their size."""
+    """Return the colours of `count` moving points, and the factor of their size."""
     return (colours(count, few), 1.0) if count <= MOST_NAMED else ((few[0],) * count, _SMALL)
 
 
@@ -102,13 +102,13 @@ def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
 
 
 def on_paper(figure: Figure, style: FigureStyle) -> Figure:
-    """Set the background of a figure to that of the style, and return the figure."""
+    """Set the background colour of a figure to that of the style, and return the figure."""
     figure.set_facecolor(style.paper)
     return figure
 
 
 def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
-    """Set the frame of a panel, in pale colours, and its title at the left."""
+    """Draw the frame of a panel in pale colours, and its title at the upper left."""
     axis.set_facecolor(style.paper)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(style.quiet)
@@ -147,7 +147,7 @@ def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -
 
 
 def of_figure(axis: Axes) -> Figure:
-    """Return the whole figure of a panel."""
+    """Return the whole figure that contains a panel, also one in a subfigure."""
     figure = axis.get_figure(root=True)
     if figure is None:
         raise StatementError("the axes were removed from their figure: give others.")
@@ -171,7 +171,7 @@ def parts_of(colour: str) -> tuple[float, ...]:
 
 
 _LARGEST, _SMALLEST = 5, -4
-"""Powers of ten from which on, and up to which, numbers are written with a power."""
+"""Powers of ten from which on, and up to which, numbers are written as 10⁵ or 10⁻⁴."""
 
 _MOST_DIGITS = 15
 """Most decimals: more than a double has."""

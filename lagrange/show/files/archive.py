@@ -23,7 +23,7 @@ UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, IndexError, ArithmeticError, RuntimeError, MemoryError),
     *(EOFError, SyntaxError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile),
 )
-"""Errors of NumPy, zipfile, json and SymPy for data that are not in their format."""
+"""Errors that NumPy, zipfile, json and SymPy raise for data that are not in their format."""
 
 
 def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:

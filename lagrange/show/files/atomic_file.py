@@ -117,7 +117,7 @@ def old_mode(target: Path) -> int | None:
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the error for the system's refusal to write a file; its message says what to do."""
+    """Return the error of this package for an OSError at writing; its message says what to do."""
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(

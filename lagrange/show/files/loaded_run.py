@@ -95,13 +95,16 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _contacts(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays of contacts by their names without the prefix."""
+    """Return the arrays of contacts in a file, by their names without the prefix."""
     prefix = "contact_"
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states at the outputs, and the stored states between them, which older files lack."""
+    """Return the known states of a run from a file: at the outputs, and between them.
+
+    Older files have no states between outputs.
+    """
     t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
     if y_between.shape != (len(y), len(t_between)):
         raise StatementError(f"it has states of shape {y_between.shape} at {len(t_between)} times between its outputs.")

@@ -70,7 +70,7 @@ def _missing(method: str, package: str) -> StatementError:
 
 
 def finite(value: Any) -> float | None:
-    """Return a number for JSON: None if it is not finite or not known."""
+    """Return a number for JSON: None if it is not finite or unknown."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 

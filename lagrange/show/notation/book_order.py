@@ -59,7 +59,7 @@ class BookOrder:
         return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(Add))
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
-        """Return the ranks of the symbols in an expression, sorted; time and unknown symbols rank with positions."""
+        """Return the sorted ranks of the symbols in an expression. Time and unknown symbols rank with positions."""
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
 
     def moves(self, expression: Any) -> bool:
@@ -67,7 +67,7 @@ class BookOrder:
         return any(rank[0] != PARAMETER for rank in self.symbols(expression))
 
     def follows(self, factor: Any) -> bool:
-        """Return True if a factor follows a fraction of constants: it is a function or contains variables."""
+        """Return True if a factor is printed after a fraction of constants: it is a function or contains variables."""
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def factor(self, factor: Any) -> Key:
@@ -109,13 +109,19 @@ class BookOrder:
         return (-max(highest, POSITION), degree, last, self._place(term, highest), places, ranks)
 
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
-        """Return 1 for the ranks of a weight, 2 for those of a function of time alone, which is last, else 0."""
+        """Return the class of a term by the ranks of its symbols.
+
+        It is 1 for a weight, 2 for a function of time alone, which is printed last, and 0 for other terms.
+        """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
         return int(len(ranks) > 1 and any(rank[:2] == GRAVITY for rank in ranks))
 
     def _degree(self, term: Any) -> int:
-        """Return 1 for a product of several velocities, 2 for a term with one, 0 for squares, which come first."""
+        """Return the class of a term for sorting by velocities.
+
+        It is 0 for squares, 1 for products of several velocities, and 2 for a single velocity.
+        """
         factors = term.as_powers_dict()
         powers = [e for base, e in factors.items() if self.rank.get(base, LAST)[0] == VELOCITY]
         if not powers:
@@ -168,8 +174,8 @@ class BookOrder:
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.
 
-        A sum of the statement keeps its signs if it has a positive term. Of others most terms are positive, and of two
-        halves the first term.
+        A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
+        terms are positive, and the first term if half of them are.
         """
         negative = sum(map(_negative, total.args))
         if negative == len(total.args):

@@ -65,7 +65,7 @@ class Typesetter:
         return self.piece(self.plainly(expression)).text
 
     def plainly(self, expression: Any) -> Any:
-        """Return the expression in plain symbols."""
+        """Return the expression with q(t) and its derivatives replaced by plain symbols."""
         return expression.xreplace(self.plain)
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
@@ -115,7 +115,7 @@ class Typesetter:
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
-        """Return the number before a product, and its factors, with several square roots of constants as one.
+        """Return the number before a product, and its factors with square roots of constants joined to one.
 
         SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3.
         """
@@ -150,16 +150,16 @@ class Typesetter:
         return self.notation.product([front, *map(self.power, moving)]) if moving else front
 
     def over(self, above: list[FormulaPiece], below: list[FormulaPiece]) -> FormulaPiece:
-        """Return the quotient of two products; an empty one above is 1."""
+        """Return the quotient of two products of factors; an empty numerator is 1."""
         top = self.notation.product(above or [self.number(sympy.S.One)])
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
-        """Return the pieces of a product; a number 1 in front of other factors is left out."""
+        """Return the factors of a product as pieces of text; a number 1 in front of other factors is left out."""
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
-        """Return base**exponent, the exponent positive or a symbol."""
+        """Return the text of a pair (base, exponent); the exponent is positive or a symbol."""
         base, exponent = pair
         if exponent == 1:
             return self.atom(base)
@@ -219,7 +219,7 @@ class Typesetter:
         return self.notation.function("derivative", [self.piece(part) for part in (function, *inner.variables)])
 
     def condition(self, when: Any) -> str:
-        """Return a condition; one that always holds is empty."""
+        """Return the text of a condition; empty if it always holds."""
         if when == sympy.true:
             return ""
         if when.func in JOINED:
@@ -278,9 +278,9 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class FormulaLine:
-    """One line of a formula: its left side, if it is on this line, and the text to the right of it.
+    """One line of a formula: the text, and its left side if it begins on this line.
 
-    `goes_on` marks a line that continues with the side above.
+    `goes_on` marks a line that continues the right side of the line above.
     """
 
     left: str
@@ -386,12 +386,15 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the last side goes below the left side: both are long, or the left one takes several lines."""
+        """Return True if the last side is printed below the left side.
+
+        Then both are long, or the left side takes several lines.
+        """
         right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
     def broken(self, side: Any, room: int) -> list[str]:
-        """Return a side as lines; the first of them has `room` columns."""
+        """Return a side of a formula as lines; the first of them has room for `room` columns."""
         if not isinstance(side, sympy.Expr):
             return [self.sides.side(side)]
         plain = self.setter.plainly(side)
@@ -402,7 +405,7 @@ class LineWriter:
         return self.product_lines(plain, room)
 
     def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum; a term wider than a line starts on a new line and is broken."""
+        """Yield the lines of a sum. A term that is wider than a line starts on a new line and is broken."""
         line: list[tuple[bool, str]] = []
         first = True
         parts = self.setter.ordered(total)

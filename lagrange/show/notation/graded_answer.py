@@ -34,7 +34,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
 
 
 def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
-    """Return the comparison of an answer; its search for a wrong term ends when the budget is spent."""
+    """Return the comparison of an answer; the search for a wrong term stops at its limit of work."""
     typeset = Typesetter(statement, Notation(names_of(statement)))
     typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}
     equations = read_equations(answer, statement)

@@ -15,7 +15,7 @@ SPACE = '<mspace width="0.17em"/>'
 TALL = ("<mfrac", "<mtable", "<msqrt")
 """Elements that are taller than a line of text."""
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
-"""Beginnings of the value of a function with a name."""
+"""Beginnings of the MathML of a function with a name."""
 
 
 def row(*parts: str) -> str:
@@ -43,7 +43,7 @@ class MathmlNotation(Notation):
         return self.below(spelled, [*own, *map(self.letter, indices)])
 
     def below(self, head: str, parts: Sequence[str]) -> str:
-        """Return a letter with its indices."""
+        """Return a letter with indices below the line."""
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
@@ -158,7 +158,7 @@ class MathmlNotation(Notation):
 
 
 def _one(piece: FormulaPiece) -> str:
-    """Return a piece as one element."""
+    """Return a piece of a formula as a single element."""
     return row(piece.text) if piece.level == SUM else piece.text
 
 

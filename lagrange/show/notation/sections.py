@@ -48,7 +48,7 @@ class Partial:
 
 @dataclass(frozen=True)
 class Rate:
-    """d/dt of a partial derivative, or of a momentum."""
+    """Time derivative d/dt of a partial derivative, or of a momentum."""
 
     inside: Partial | ShownQuantity
 
@@ -130,7 +130,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def constraint_quantity(one: Any) -> ShownQuantity:
-    """Return f, with the name of the constraint as its index."""
+    """Return the symbol f of a constraint, with the name of the constraint as its index."""
     return ShownQuantity("f", (one.name,))
 
 
@@ -262,7 +262,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _column(entries: Sequence[Any]) -> Any:
-    """Return a column, written as the transpose of a row; a single entry is that entry."""
+    """Return a column vector, written as the transpose of a row. A single entry is returned as it is."""
     return entries[0] if len(entries) == 1 else Transpose(ExpressionRows((tuple(entries),), vector=True))
 
 

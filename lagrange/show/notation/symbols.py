@@ -1,6 +1,6 @@
-"""Names and sentences of the user in LaTeX, Markdown and plain text.
+"""Names and sentences of the user in LaTeX, Markdown and plain text, all escaped.
 
-All of them are escaped: LaTeX and Markdown are languages, and a name or a title must not contain commands of theirs.
+LaTeX and Markdown are languages: a name or a title must not contain their commands.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from lagrange.statement.vocabulary.letters import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
-"""Names with a letter in LaTeX, and the letter. Not pi, which is always printed as the number."""
+"""Greek letters by name, for names that are letters in LaTeX. "pi" is missing: it is always printed as the number."""
 
 GREEK = frozenset(UNICODE_GREEK)
 
@@ -28,7 +28,8 @@ _LATEX = {
     **{letter: f"\\ensuremath{{\\{name}}}" for letter, name in LETTERS.items()},
 }
 _BRACKETS = str.maketrans("[]", "__")
-"""Brackets become underscores: they enclose an index, as in lambda[rod], the multiplier of the constraint rod."""
+"""Translation of brackets to underscores. Brackets enclose an index, as in lambda[rod], the multiplier of the
+constraint rod."""
 
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 

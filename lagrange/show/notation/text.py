@@ -57,9 +57,10 @@ class Notation:
     before_sign = ""
     """Text before the sign with which a line begins."""
     in_one_line = True
-    """True if fractions are written with a stroke, so that the width of the text is the width of the formula."""
+    """True if fractions are written with a slash, so that the width of the text is the width of the formula."""
     fractions_in_front = False
-    """True if constants are a separate fraction in front, (g/l) sin(theta); false for one fraction, g*sin(theta)/l."""
+    """True if constants are a separate fraction in front, (g/l) sin(theta); False for a single fraction,
+    g*sin(theta)/l."""
     level_inside_product = FRACTION
     """Least precedence of a factor without parentheses before another factor."""
     product_sign, minus = "*", "-"
@@ -134,7 +135,7 @@ class Notation:
         return words
 
     def in_line(self, above: str, below: str) -> str:
-        """Return a fraction of two numbers with a stroke, for exponents."""
+        """Return a fraction of two numbers with a slash, for exponents."""
         return f"{above}/{below}"
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
@@ -144,7 +145,7 @@ class Notation:
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
 
     def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix, which is a letter: G.T."""
+        """Return the transpose of a matrix that is named by a letter: G.T."""
         return f"{matrix}.T"
 
     def vector(self, entries: Sequence[str]) -> str:
@@ -277,7 +278,10 @@ class UnicodeNotation(Notation):
 
 
 class PrintedWidth(UnicodeNotation):
-    """Text as wide as a printed formula: the wider part of each fraction on two levels, blanks at functions alone."""
+    """Notation that measures: its text is as wide as the printed formula.
+
+    Of a fraction it keeps the wider part, and blanks only around functions.
+    """
 
     product_sign = ""
 

@@ -25,13 +25,13 @@ _LEFT = "style='text-align:left'"
 
 
 def text(words: str) -> str:
-    """Return a text escaped for HTML, cut if it is long."""
+    """Return a text escaped for HTML, and cut off if it is long."""
     line = plain_text(words)
     return escape(line if len(line) <= MOST_TEXT else line[:MOST_TEXT] + " ...")
 
 
 def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Return a table of labels and texts."""
+    """Return an HTML table of rows (label, text) under a heading."""
     body = "".join(f"<tr><th {_LEFT}>{text(name)}</th><td {_LEFT}>{text(value)}</td></tr>" for name, value in rows)
     return f"<table><caption {_LEFT}><b>{text(heading)}</b></caption>{body}</table>"
 
@@ -51,12 +51,12 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return HTML that folds under a summary line."""
+    """Return HTML that is folded under a summary line."""
     return f"<details><summary>{text(summary)}</summary>{inside}</details>"
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """Return a paragraph for each sentence, and the number of sentences that are left out."""
+    """Return an HTML paragraph for each sentence, up to `MOST_SENTENCES`, and the number of the others."""
     shown = "".join(f"<p>{text(line)}</p>" for line in lines[:MOST_SENTENCES])
     more = len(lines) - MOST_SENTENCES
     return shown + (f"<p>{counted(more, 'more remark')}: print() shows all.</p>" if more > 0 else "")

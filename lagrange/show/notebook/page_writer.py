@@ -26,7 +26,7 @@ MOST_OPERATIONS = 600
 """Most operations of an expression that is written or derived for a notebook, which takes about a second. All scenes of
 the library have fewer."""
 LONG = 12
-"""Most lines of formulas, or entries of a list, that are not folded."""
+"""Largest number of lines of formulas, or entries of a list, that is shown unfolded."""
 NEXT_LINE = r" \\ "
 """Separator of the lines of a formula."""
 
@@ -35,7 +35,10 @@ Part = tuple[str, str]
 
 
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
-    """Return the parts that fit within `most` characters, and a sentence, with `instead`, for each other one."""
+    """Return the parts of a page that fit within `most` characters.
+
+    A sentence, with `instead`, replaces each of the others.
+    """
     shown: list[str] = []
     room = most
     for name, text in parts:
@@ -85,11 +88,11 @@ class PageWriter:
         self._page = MarkdownPage(statement)
 
     def inline(self, side: Any) -> str:
-        """Return an expression, or a number, in a line of text."""
+        """Return an expression or a number as LaTeX within a line of text."""
         return f"${self.side(side)}$"
 
     def side(self, side: Any) -> str:
-        """Return the LaTeX of an expression or a number; numbers have six digits."""
+        """Return the LaTeX of one side of an equation: an expression or a number with six digits."""
         return _plain(self._page.lines.sides.side(Float(f"{side:.6g}") if isinstance(side, float) else side))
 
     def condition(self, condition: Any) -> str:

@@ -104,11 +104,11 @@ def _modes(modes: Modes) -> Iterator[Part]:
 
 
 ONE_LINE = 160
-"""Longest frequency and shape on one line, in characters of LaTeX."""
+"""Largest length, in characters of LaTeX, of a frequency and its shape that share a line."""
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the number of a symbolic frequency, if all parameters have values."""
+    """Return the numerical value of a symbolic frequency, if all parameters have values."""
     value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
     if not (modes.symbolic and value.is_number and frequency.free_symbols):
         return ""

@@ -32,7 +32,10 @@ class EquationList(list[Any]):
 
 
 class ExpressionDict(dict[Any, Any]):
-    """SymPy expressions by symbol; `shown` has the left side of the formula of a key, such as its acceleration."""
+    """SymPy expressions by symbol.
+
+    `shown` maps a key to the left side of its formula, such as the acceleration of a coordinate.
+    """
 
     def __init__(self, expressions: Mapping[Any, Any], statement: Statement, shown: Mapping[Any, Any]) -> None:
         super().__init__(expressions)
