@@ -46,13 +46,13 @@ DEFAULT = ("rhs", "energy")
 
 STEP, MAIN, TAYLOR = "step", "main", "taylor"
 STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
-"""Method of the content `step`, and of `main` without another method."""
+"""Default methods: of the content `step`, and of `main`."""
 
 INTERVALS = 1000
 """Default number of intervals between the rows that `main` writes."""
 
 MAIN_RTOL = 1e-12
-"""Largest tolerance of `main`: a tighter tolerance of the scene is used instead."""
+"""Relative tolerance of `main`, unless that of the scene is tighter."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _refuse(
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
-    """Raise StatementError for a run with an input that has no value."""
+    """Raise StatementError if a run is exported and an input has no value."""
     if isinstance(parameters, np.ndarray):  # it has all values
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
@@ -181,14 +181,14 @@ def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
 
 
 def _explicit(name: str) -> StepProgram | None:
-    """Return the step of an explicit method, or None for other methods."""
+    """Return the program of a step of an explicit method, or None for any other method."""
     program = getattr(registry.find(name), "program", None)
     explicit = isinstance(program, StepProgram) and not program.solves and program.starter is None
     return program if explicit else None
 
 
 def step_of(name: str) -> StepProgram:
-    """Return the step of an explicit method. Raises StatementError for other methods."""
+    """Return the program of a step of an explicit method. Raises StatementError for any other method."""
     program = _explicit(name)
     if program is not None:
         return program
@@ -274,13 +274,13 @@ def names_of(model: Model) -> ValueNames:
 
 MASS = "mass_a_b: the entry of the mass matrix for the coordinates a and b"
 GRADIENT = "; gradient_c_a: the derivative of the constraint c by the coordinate a, or by its velocity"
-"""Comments on names of values in an exported file."""
+"""Explanations of the names of intermediate values, for comments in an exported file."""
 
 PREPARE = "Write the parameters into p, then the values that depend on parameters alone."
 
 
 def _text(model: Model, events: Sequence[Event]) -> tuple[str, ...]:
-    """Return the lines of text about a system, with the meaning of the names of values."""
+    """Return lines of text for an exported file: the system, and the meaning of the names of intermediate values."""
     about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
     return (*statement_lines(model.statement, events), *wrapped(about, WIDTH))
 
@@ -361,7 +361,7 @@ def _unit(name: str, model: Model) -> str:
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
-    """Return the names of the results of a quantity."""
+    """Return the names of the entries that a quantity returns."""
     names = model.statement.names
     rates = [*(f"{one}_dot" for one in names), *(f"{one}_ddot" for one in names)]
     state = [*names, *(f"{one}_dot" for one in names)]
@@ -400,9 +400,9 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program of the matrix entries of blocks with one unknown, or None without any to test.
+    """Return a program of the matrix entries that solutions are divided by without a test, or None if there are none.
 
-    An entry that is a nonzero constant is left out.
+    These are the entries of blocks with one unknown. An entry that is a nonzero constant is left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
@@ -421,7 +421,7 @@ def fixed(entries: Program, prepared: Prepared) -> list[int]:
 
 
 def results_of(quantity: Procedure) -> int:
-    """Return the number of results of a quantity."""
+    """Return the number of entries that a quantity returns."""
     (size,) = (one.type.size for one in quantity.parameters if one.name == "out" and isinstance(one.type, Array))
     assert size is not None
     return size

@@ -26,7 +26,7 @@ TEST = (
     "The test: results at some states, computed with 40 digits. A result may be off by 1e-12 of itself; where it is a "
     "small difference of large numbers, by 1e-12 of the largest one at that state."
 )
-"""Comment on the test: compared results and allowed errors. A language adds a sentence on its report."""
+"""Comment on the self-test: what is compared, and the allowed errors. A language adds a sentence on its report."""
 
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
@@ -86,7 +86,7 @@ def outcome_codes() -> list[tuple[str, int, str]]:
 
 
 def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
-    """Return names of the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0)."""
+    """Return constants for the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0)."""
     named = [*((f"Y_{name}", k) for k, name in enumerate(module.state, first))]
     named += [(f"PARAMETER_{name}", k) for k, name in enumerate(module.parameters, first)]
     names = distinct([name for name, _ in named], key=str.upper)
@@ -129,7 +129,7 @@ def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
 
 
 def columns(module: SourceModule) -> str:
-    """Return the first line of the table that `main` writes."""
+    """Return the header line of the table that `main` writes: the names of its columns."""
     return ",".join(["t", *map(plain, module.state)])
 
 
@@ -146,7 +146,7 @@ def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
 
 
 def records_of(procedures: Sequence[Procedure]) -> list[Record]:
-    """Return every record of some procedures, each once."""
+    """Return every record type that some procedures use, each once."""
     found: dict[Record, None] = {}
     for procedure in procedures:
         found |= dict.fromkeys(one.type for one in procedure.parameters if isinstance(one.type, Record))
@@ -165,10 +165,11 @@ INPUTS = (
     "the last parameters. What is prepared from parameters does not depend on them: their places may be written before "
     "every call. A run holds them."
 )
-"""Comment on the inputs of an exported file."""
+"""Comment on inputs for an exported file: they are the last parameters."""
 
 LONG = 300
-"""Number of operations above which terms keep SymPy's order: textbook order takes seconds for thousands."""
+"""Terms with more operations than this are printed in SymPy's order: textbook order takes seconds for thousands of
+operations."""
 
 
 LICENSE = "BSD-3-Clause"
@@ -217,7 +218,7 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
 
 
 def _told(event: Event, write: Callable[[Any], str]) -> str:
-    """Return the text after the expression of an event: direction, end of the run, reset."""
+    """Return the text that follows the expression of an event: its direction, end of the run, and reset."""
     said = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
     said += [f"terminal at occurrence {event.terminal}"] * (event.terminal > 0)
     said += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]

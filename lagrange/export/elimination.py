@@ -19,7 +19,7 @@ from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 ROWS = 3
-"""Rows of a factored matrix after its n rows: row numbers, units, and largest entries."""
+"""Number of rows that a factored matrix has below its n rows: row numbers, units, and largest entries."""
 
 
 def factored(n: int, a: Any) -> bool:
@@ -140,7 +140,7 @@ def body(function: Callable[..., Any], statements: Statements) -> list[str]:
 
 
 def _changed(tree: ast.FunctionDef) -> dict[str, bool]:
-    """Return the local variables, and whether each is assigned more than once."""
+    """Return the local variables of a function; the value is True for those that are assigned more than once."""
     names = [
         target.id
         for one in ast.walk(tree)
@@ -201,7 +201,7 @@ class _Printer:
         return template.format(name=name, value=self.text(value), mut="mut " * self.changed[name])
 
     def index(self, one: ast.expr) -> str:
-        """Return an index: variables that hold one as they are, others from the first index on."""
+        """Return the text of an index: a variable as it is, a number counted from the language's first index."""
         added, base = self.statements.first, one
         if isinstance(one, ast.BinOp) and isinstance(one.right, ast.Constant) and isinstance(one.right.value, int):
             added, base = added + one.right.value, one.left
@@ -210,7 +210,7 @@ class _Printer:
         return f"{base.id} + {added}" if added else base.id
 
     def text(self, one: ast.expr, least: int = 0) -> str:
-        """Return an expression, in parentheses if it binds less tightly than `least`."""
+        """Return the text of an expression, in parentheses if it binds less tightly than `least`."""
         binds, text = self._spelled(one)
         return text if binds >= least else f"({text})"
 

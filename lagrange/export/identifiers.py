@@ -20,7 +20,7 @@ def ascii_name(name: str) -> str:
 
 
 def spelled_letter(letter: str) -> str:
-    """Return a letter in ASCII: a Greek one by its name, one with an accent as the letter alone."""
+    """Return a letter in ASCII: a Greek letter by its name, an accented one without its accent."""
     bare = unicodedata.normalize("NFD", letter)[0]
     if bare in GREEK or bare.isascii():
         return GREEK.get(bare, bare)

@@ -25,13 +25,13 @@ def continued(line: str, room: int = LONGEST, mark: str = "") -> list[str]:
 
 
 def number_lines(values: Iterable[str], indent: str, width: int = 110, end: str = ",") -> list[str]:
-    """Return literals on lines of a width, each followed by `end`, a comma."""
+    """Return literals on lines of a width. `end` is the comma that follows each literal."""
     text = textwrap.wrap(" ".join(f"{value}{end}" for value in values), width - len(indent), break_long_words=False)
     return [f"{indent}{line}" for line in text]
 
 
 TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
-"""Character for a space without a line break, and its replacement while lines are broken."""
+"""A space at which no line is broken, and the character that replaces it while lines are broken."""
 
 
 def plain(text: str) -> str:

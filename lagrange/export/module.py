@@ -28,7 +28,10 @@ class ExportedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class ExportedIntegrator:
-    """A function that takes one step, or if `adaptive` runs to an end; its parameters are those of its procedure."""
+    """An exported integrator: one step, or a run to an end time if `adaptive`.
+
+    Its parameters are those of its procedure.
+    """
 
     name: str
     about: str
@@ -65,7 +68,10 @@ class ValueNames:
 
 
 def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
-    """Return a number for each instruction, the same for equal values; `numbers` collects those of several programs."""
+    """Return a number for each instruction of a program, the same for instructions with equal values.
+
+    `numbers` collects the numbers of several programs.
+    """
     found: list[int] = []
     for one in program.instructions:
         moved = one._replace(args=tuple(found[arg] for arg in one.args))

@@ -84,7 +84,7 @@ def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> d
 
 
 def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """Yield lists of numbers in the template of a language."""
+    """Yield the lists of numbers of a test, each in the language's template for a list."""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
             part = values[begin : begin + script.chunk] if script.chunk else values
@@ -113,7 +113,7 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
 
 
 def main_text(module: SourceModule, script: Script, **given: object) -> str:
-    """Return the program that runs the initial state and writes a table, for a module with a run."""
+    """Return the program that runs the initial state and writes the table, for a module that exports a run."""
     exported = run_of(module)
     assert exported is not None
     run, integrator = exported

@@ -27,17 +27,17 @@ WELL_CONDITIONED = 2e-14
 """Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
 DRAWS = 60
-"""Number of states that are drawn in search of well-conditioned ones."""
+"""Number of random states from which well-conditioned ones are chosen."""
 
 ULP = 2.0**-52
-"""Relative change of a state that measures the condition of its results."""
+"""Relative change of a state that estimates the condition number of its results."""
 
 NEAR = SampleKind("near the initial state", "initial", "default")
 """Sampling of the test states: near the initial state, with the default parameters."""
 
 
 Evaluation = Callable[[float, Sequence[float]], list[float] | None]
-"""Function of a time and a state (2n,) that returns results in doubles, or None if a matrix is singular."""
+"""Function that returns the results at a time and a state (2n,) as doubles, or None if a matrix is singular."""
 
 
 def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
@@ -101,13 +101,16 @@ def _no_states(
 
 
 def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
-    """Return a list of the parameters that are zero, such as "k = 0", for a message."""
+    """Return the parameters that are zero as text, such as "k = 0", for a message."""
     zeros = [f"{one.name} = 0" for one, value in zip(statement.parameters, parameters, strict=True) if not value]
     return listing(zeros) if zeros else "these parameters"
 
 
 class _Case:
-    """A state with its results and allowed errors; `relative` if doubles reproduce each result relative to itself."""
+    """A test state with its results and allowed errors.
+
+    `relative` is true if doubles reproduce each result to its own relative precision.
+    """
 
     def __init__(self, t: float, y: tuple[float, ...], results: tuple[float, ...], errors: Sequence[float]) -> None:
         self.t, self.y, self.results = t, y, results
@@ -148,7 +151,7 @@ def _case(
 
 
 def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:
-    """Return results from multiple precision, or None if a result has no value."""
+    """Return the results at a state in multiple precision, or None if one has no value."""
     try:
         return tuple(float(value) for value in evaluate(program, t, y, parameters))
     except NoValue:
@@ -156,14 +159,14 @@ def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequenc
 
 
 STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
-"""Length of a tested step, and of a tested run, relative to the duration of the scene, or to 1 if that is longer."""
+"""Length of the tested step, and of the tested run, as fractions of the scene's duration, or of 1 if that is longer."""
 
 STEP_TOLERANCE = 1e-11
 """Allowed error of the state after a step or a short run, relative to its largest entry."""
 
 
 def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
-    """Return the prepared numbers (size,) of some parameters. Raises StatementError if a matrix is singular."""
+    """Return the prepared numbers (size,) for given parameters. Raises StatementError if a matrix is singular."""
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
         raise StatementError(

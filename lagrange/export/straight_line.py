@@ -26,11 +26,11 @@ from lagrange.procedure.spelling import ATOM, Operator
 from lagrange.program.program import GIVEN, Instruction, Program, ProgramBlock, uses_of
 
 CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
-"""Operands that are conditions, by operation."""
+"""Indices of operands that are conditions (true or false), by operation."""
 
 SYSTEMS = ("factor", "solve", "component")
 STRUCTURE = (*GIVEN, *SYSTEMS)
-"""Operations other than functions of numbers: arguments, and linear systems."""
+"""Operations that are not functions of numbers: arguments, and linear systems."""
 
 GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
 """Names that the printer makes for values, factors, solutions and conditions."""
@@ -103,16 +103,16 @@ class StraightLinePrinter:
         self.vectors: dict[int, str] = {}
         self.constants: dict[int, float | bool] = {}
         self.needed: dict[str, None] = {}
-        """The operations that are printed; "condition" is the test of a number."""
+        """Operations that were printed, as keys; "condition" is the test of a number."""
         self.singular: list[str] = []
-        """The names of conditions that say that a matrix is singular."""
+        """Names of the conditions that are true if a matrix is singular."""
         self.uses, self.parameters = uses_of(program), parameters
         self.unused = dict.fromkeys(("t", "y", parameters))
         """Arguments that no line reads."""
         self._refuse()
 
     def _refuse(self) -> None:
-        """Raise StatementError for mathematics that the language does not have, by name."""
+        """Raise StatementError, with its name, for a function that the language lacks."""
         for one in self.program.instructions:
             if one.op not in STRUCTURE and one.op not in self.language.operations:
                 raise StatementError(
@@ -199,7 +199,7 @@ class StraightLinePrinter:
         self.lines += template.format(**given, other=other, entries=entries).splitlines()
 
     def _operation(self, i: int, one: Instruction) -> None:
-        """Print an operation, or keep it for the one place where it is read."""
+        """Print an operation, or store its text if only one other operation reads it."""
         kind = FLAG if one.op in FLAGS else REAL
         if all(arg in self.constants for arg in one.args):
             # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
@@ -227,18 +227,18 @@ class StraightLinePrinter:
         return self.program.instructions[ref].op in FLAGS
 
     def _wrapped(self, ref: int, least: int, operator: Operator | None) -> str:
-        """Return a value, converted by an operator if there is one."""
+        """Return the text of a value, inside an operator if one is given."""
         if operator is None:
             return self.text(ref, least)
         text = operator.text.format(self.text(ref, (operator.operands or (0,))[0]))
         return text if operator.binds >= least else f"({text})"
 
     def number(self, ref: int, least: int = 0) -> str:
-        """Return a value as a number: a condition is one or zero."""
+        """Return the text of a value as a number: a condition becomes one or zero."""
         return self._wrapped(ref, least, self.language.number if self._is_flag(ref) else None)
 
     def condition(self, ref: int, least: int = 0) -> str:
-        """Return a value as a condition: a number is true unless it is zero."""
+        """Return the text of a value as a condition: a number is true unless it is zero."""
         if not self._is_flag(ref):
             self.needed["condition"] = None
         return self._wrapped(ref, least, None if self._is_flag(ref) else self.language.condition)
@@ -249,7 +249,7 @@ class StraightLinePrinter:
         return found if level >= least else f"({found})"
 
     def status(self, more: Sequence[int] = ()) -> str:
-        """Return the condition that a matrix is singular; `more` are values that say so, too."""
+        """Return the condition that some matrix is singular; `more` are further conditions for it."""
         either = self.language.operations["or"]
         parts = [(ATOM, name) for name in self.singular] + [self.texts[ref] for ref in more]
         level, found = parts[0] if parts else (ATOM, self.language.literals.flags[0])
@@ -265,7 +265,10 @@ class StraightLinePrinter:
 def with_outputs(
     program: Program, code: tuple[Instruction, ...], outputs: tuple[int, ...], hoisted: int = 0
 ) -> Program:
-    """Return a program with other instructions and outputs; the first `hoisted` need parameters alone."""
+    """Return a program with other instructions and outputs.
+
+    Its first `hoisted` instructions depend on parameters alone.
+    """
     return replace(
         program,
         instructions=code,
@@ -308,7 +311,10 @@ class Hoisted:
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions behind those of `program`: the zero, and which results known here are equal to it."""
+        """Return instructions to append to those of `program`, which find the results known here that are zero.
+
+        They are the number zero, and a comparison of each known result with it.
+        """
         zero, table = len(self.program.instructions), self._merged[program]
         known = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
         return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in known)]
@@ -319,9 +325,9 @@ class Hoisted:
 
 
 def checked(program: Program, divisors: Program) -> Program:
-    """Return a program with one more result: a condition that a divisor is zero and a result is not finite.
+    """Return a program with one more result, the condition that a divisor is zero and a result is not finite.
 
-    Blocks of one unknown are solved by a division, and formulas are simplified, so they need not compute a divisor.
+    Blocks with one unknown are solved by a division, and formulas are simplified, so they need not compute a divisor.
     """
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])
@@ -368,12 +374,12 @@ class PrintedFunction:
 
 
 class Functions:
-    """The functions of a module in a language; without `statuses` they do not say that a divisor is zero."""
+    """The functions of a module in a language. Without `statuses` they do not report a divisor that is zero."""
 
     def __init__(self, module: SourceModule, language: Language, *, statuses: bool = True) -> None:
         self.module, self.language = module, language
         self.needed: dict[str, None] = {}
-        """The operations of the functions that are printed; "factor" if they solve linear systems."""
+        """Operations that the printed functions use; "factor" if they solve linear systems."""
         self.divisors = module.divisors if statuses else None
         self.programs = {one.name: self._checked(one) for one in module.quantities}
         listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
@@ -398,7 +404,7 @@ class Functions:
         return self._function(printer, "out", range(len(one.results)))
 
     def prepare(self) -> PrintedFunction:
-        """Return the function that writes the parameters and what depends on them alone into p."""
+        """Return the function that writes the parameters, and all values that depend on them alone, into p."""
         hoisted, count = self.hoisted, len(self.module.parameters)
         tests = hoisted.zeros(self.divisors) if self.divisors else []
         code = (*hoisted.program.instructions, *tests)

@@ -29,7 +29,7 @@ from lagrange.program.program import Program, ProgramBlock
 OPERATORS: Mapping[str, Operator] = {
     op: RAISING[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
 }
-"""The operations that are operators of Python, whatever the library."""
+"""Operations that Python's operators express, in every library."""
 
 LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
@@ -120,8 +120,9 @@ def _substituted(eliminated, right):
         b[i] = b[i] / a[i][i]
     return b
 '''
-"""Elimination with row exchanges in place of loops that a library cannot trace. It needs `_where`, `_both`, `_either`,
-`_most`, `_sqrt` and `_fixed`, which keeps a factor out of derivatives that it has no part in."""
+"""Text of an elimination with row exchanges, instead of loops, which a library cannot trace. It calls `_where`,
+`_both`, `_either`, `_most`, `_sqrt` and `_fixed`. The latter keeps a factor out of derivatives to which it does not
+contribute."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,7 @@ class TracedTarget(Target):
 
 
 def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str, str]) -> Language:
-    """Return the spellings of a library from those of its functions."""
+    """Return the table of spellings of a library, from those of its functions."""
     return Language(
         name=name,
         operations=operations,
@@ -238,7 +239,7 @@ def function_body(program: Program, language: Language, names: Mapping[int, str]
 
 
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
-    """Return the lines of a list or a call, broken between its items, and inside of them, where it is long."""
+    """Return a list or a call as lines; a long one is broken between its items, and inside of them."""
     line = f"{before}{', '.join(items)}{after}"
     if len(line) <= WIDTH:
         return [line]
@@ -247,14 +248,14 @@ def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
 
 
 def described(program: Program) -> str:
-    """Return a description of the results of a program, as a line of a docstring."""
+    """Return one line of a docstring that describes the results of a program."""
     inputs = ", ".join(map(block, program.inputs))
     shape = f" as {list(program.shape)}" if len(program.shape) > 1 else ""
     return f"[{', '.join(map(block, program.results))}]{shape}, of y = [{inputs}] and p[{program.parameters}]"
 
 
 def block(named: ProgramBlock) -> str:
-    """Return a block of numbers, as its name with their count."""
+    """Return the description of a block of results: its name with their number."""
     return f"{named.name}[{named.size}]"
 
 

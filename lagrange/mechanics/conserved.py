@@ -156,7 +156,7 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
 def _momenta_of_turns(
     equation: SymmetryEquation, stated: TextbookAlgebra, read: TextbookAlgebra
 ) -> Iterator[Conserved]:
-    """Yield the conserved angular momenta about the axes of space and of the bodies of rotations.
+    """Yield the conserved angular momenta of rigid bodies about axes fixed in space and in the body.
 
     `stated` is the algebra of the statement, and `read` that of the statement as people read it.
     """
@@ -205,7 +205,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
-    """Return True if a candidate leaves the Lagrangian as it is, without a gauge function, and the proof is short."""
+    """Return True if a short proof shows that a candidate leaves the Lagrangian unchanged, without a gauge function."""
     try:
         with equation.stated.algebra.at_most(LARGEST):
             return equation.proven(candidate)
@@ -253,7 +253,7 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
 
 
 def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return the generator as exact expressions, keyed by coordinate or t. Raises StatementError for bad entries."""
+    """Return a user's generator as exact expressions by coordinate or t. Raises StatementError for invalid entries."""
     if not isinstance(generator, Mapping) or not generator:
         raise StatementError(
             f"noether takes a dict from coordinates to how they move, as {{x: -y, y: x}}, not {shown(generator)}."
@@ -285,7 +285,10 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
 
 
 def _kept(model: Model, symmetry: Symmetry) -> bool:
-    """Return True if the generator does not shift time, or if the constraint forces do no work."""
+    """Return True if constraints allow the conservation law.
+
+    Either the symmetry does not shift time, or the constraint forces do no work.
+    """
     return symmetry.tau == 0 or model.equations.structure.workless
 
 
@@ -326,7 +329,7 @@ LARGEST_RATE = 1e-8
 """Largest rate that counts as zero, relative to its terms. Accelerations in doubles are accurate to about 1e-12."""
 
 REST = 1e-4
-"""Terms of a rate below this fraction of the largest terms of all quantities are treated as rounding."""
+"""Terms of a rate below this fraction of the largest terms of all quantities count as rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +367,7 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return a close state that satisfies constraints and first-order equations of motion, or None."""
+    """Return a state near a point that satisfies constraints and first-order equations of motion, or None."""
     if not len(model.equations.constraints):
         return point
     projection = Projection(model, point.t, model.parameter_array(point.parameters))
@@ -409,7 +412,7 @@ SAMPLES = 200
 """Largest number of output times at which the sizes of terms are evaluated."""
 
 MOST_LINES = 3
-"""Largest number of momenta on the status card, and in the plot."""
+"""Largest number of momenta on the status card and in the plot."""
 
 
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:

@@ -131,7 +131,10 @@ class _Problem:
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 
     def steady(self, rates: Any) -> dict[Any, Any]:
-        """Return the user's steady velocities {velocity symbol: value}. Raises StatementError for bad `rates`."""
+        """Return the user's steady velocities as {velocity symbol: value}.
+
+        Raises StatementError for invalid `rates`.
+        """
         if rates is None:
             return {}
         if not isinstance(rates, Mapping):
@@ -150,7 +153,7 @@ class _Problem:
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
     def searched(self) -> list[dict[Any, Any]]:
-        """Return equilibria found numerically, {symbol: value} each. Raises StatementError for missing parameters."""
+        """Search equilibria numerically, {symbol: value} each. Raises StatementError for parameters without values."""
         statement = self.statement
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
         if missing:
@@ -233,7 +236,7 @@ class _Problem:
         )
 
     def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:
-        """Return the verdict and the criterion. If the linearization fails, the verdict's reason is its message."""
+        """Return the verdict on stability and its criterion. If the linearization fails, its message is the reason."""
         try:
             lin = linearized_at(point)
         except StatementError as refusal:
@@ -287,7 +290,7 @@ class _Problem:
 
 
 def _condition(values: Sequence[Any]) -> Any:
-    """Return the condition for real values: |x| <= 1 in asin(x) and acos(x), and x >= 0 under even roots."""
+    """Return the condition under which values are real: |x| <= 1 in asin(x) and acos(x), x >= 0 under even roots."""
     parts = []
     for value in values:
         for f in sorted(value.atoms(sympy.asin, sympy.acos), key=str):

@@ -24,7 +24,7 @@ _COMPARED = sympy.core.relational.Relational
 
 
 def edges(given: Any) -> Sequence[Any]:
-    """Return expressions whose zeros are the corners and jumps of an expression from `PlainForm.read`."""
+    """Return expressions that are zero at the corners and jumps of an expression; `given` is from `PlainForm.read`."""
     found = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(given.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:
@@ -42,7 +42,7 @@ def on_side(given: Any, edge: Any, sign: int) -> Any:
 
 
 def _compared(one: Any, sign: int) -> Any:
-    """Return the truth of a comparison where left side minus right side has the sign 1 or -1."""
+    """Return the truth of a comparison whose left side minus right side has the sign 1 or -1."""
     above: Mapping[str, bool] = {">": sign > 0, ">=": sign > 0, "<": sign < 0, "<=": sign < 0, "!=": True}
     return sympy.true if above.get(one.rel_op, False) else sympy.false
 
@@ -90,14 +90,14 @@ class StatedPoint:
 
     @property
     def where(self) -> str:
-        """The point as text: all coordinates, and the non-zero velocities."""
+        """The point as text: all coordinates, and the velocities that are not zero."""
         names = self.form.statement.names
         still = [f"{name} = {shown(x)}" for name, x in zip(names, self.q, strict=True)]
         return listing(still + [f"{name}_dot = {shown(x)}" for name, x in zip(names, self.v, strict=True) if x != 0])
 
     @cached_property
     def residuals(self) -> tuple[Any, ...]:
-        """The residuals of the equations of motion, smooth at the point.
+        """Residuals of the equations of motion, in a form that is smooth at the point.
 
         A corner without effect on first derivatives, as of quadratic drag -c v |v|, is removed. Raises StatementError
         if the derivatives on the two sides of a corner differ, as for dry friction at rest.
@@ -246,7 +246,7 @@ HIGHEST = 8
 """Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s."""
 
 _SIZE = sympy.Dummy("size", real=True)
-"""The size of the changes, by powers of which an expression is expanded."""
+"""Symbol for the size of the changes: expressions are expanded in its powers."""
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
@@ -264,7 +264,7 @@ class _StatementExpansion:
         self.changes = tuple(sympy.Dummy(f"d{symbol}", real=True) for symbol in self.symbols)
 
     def statement(self) -> Statement:
-        """Return the expanded statement, which says in its description what it is."""
+        """Return the expanded statement; its description names the expansion."""
         stated = self.form.statement
         self.check_constraints()
         table = {
@@ -362,7 +362,7 @@ class _StatementExpansion:
 
     @property
     def note(self) -> str:
-        """Description of the expansion; it says if the point is not an equilibrium."""
+        """Description of the expansion. It states if the point is not an equilibrium."""
         done = f"Expanded about {self.where} to order {self.order} in changes of coordinates and velocities."
         if self.balanced:
             return done

@@ -40,7 +40,7 @@ LARGEST_BLOCK = 4
 
 @dataclass(frozen=True)
 class Legendre:
-    """Momenta as symbols, velocities and H as functions of them, in plain symbols."""
+    """Result of the Legendre transform, in plain symbols: momenta, and velocities and H as functions of them."""
 
     symbols: tuple[Any, ...]
     velocities: tuple[Any, ...]
@@ -287,7 +287,7 @@ class Hamiltonian(ShownAsPage):
         return form.written(simplest(form.read(self.expression).diff(form.plain[leaf])))
 
     def _function(self, given: Any, what: str) -> Any:
-        """Return a function of coordinates and momenta in plain symbols."""
+        """Return a user's function of coordinates and momenta in plain symbols; `what` names it in errors."""
         stated, survey = in_own_parameters(expression_of(given, what), self.statement.parameters), Survey()
         survey.add(stated, what)
         for leaf in (*survey.coordinates, *survey.parameters):
@@ -327,7 +327,7 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
 
 
 def _momenta(statement: Statement) -> list[Any]:
-    """Return a function of time for each momentum, with a name that is free."""
+    """Return a function of time for each momentum, with a name that the statement does not use."""
     taken = list(names_of(statement))
     chosen = []
     for name in statement.names:
@@ -337,7 +337,7 @@ def _momenta(statement: Statement) -> list[Any]:
 
 
 def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return the `Hamiltonian`, with a statement in coordinates and momenta that can be compiled."""
+    """Return the `Hamiltonian`. Its statement in coordinates and momenta can be compiled."""
     statement = form.statement
     back = dict(zip(found.symbols, momenta, strict=True))
     in_momenta = dict(zip(form.v, found.velocities, strict=True))

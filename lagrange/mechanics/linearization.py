@@ -102,12 +102,12 @@ class Linearization(ShownAsPage):
 
     @property
     def places(self) -> list[int]:
-        """The indices of `coordinates` among those of the system."""
+        """Indices of `coordinates` among the coordinates of the system."""
         return [self.statement.coordinates.index(q) for q in self.coordinates]
 
     @property
     def speeds(self) -> list[int]:
-        """The indices of `velocity_coordinates` among the coordinates of the system."""
+        """Indices of `velocity_coordinates` among the coordinates of the system."""
         return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
 
     def of_moving(self) -> Linearization | None:
@@ -246,13 +246,13 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _values(point: StatedPoint, sample: SamplePoint) -> dict[Any, Any]:
-    """Return exact numbers for the parameters, the inputs and the time of a sample."""
+    """Return exact values of the parameters, the inputs and the time in a sample."""
     numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
     return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the lower half of A from the compiled model and from the matrices, flattened.
+    """Return the lower half of A twice, flattened: from the compiled model, and from the matrices.
 
     If a column of B differs, return both versions of that column instead. NaN if the matrices have no values.
     """
@@ -323,7 +323,7 @@ class ConstrainedEquations:
 
 
 class AtPoint:
-    """Expressions and nodes of a system at a point."""
+    """Evaluates expressions and graph nodes of a system at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
@@ -381,7 +381,10 @@ class AtPoint:
         return [[column(node) for column in columns] for node in listed]
 
     def rates(self, rows: Rows) -> list[list[Node]]:
-        """Return the total time derivatives of nodes in q, v and t; what rests at the point is left out."""
+        """Return the total time derivatives of nodes in q, v and t.
+
+        Velocities that are zero at the point are left out.
+        """
         e = self.equations
         motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
         moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}
@@ -502,7 +505,7 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
 
 
 def _check(here: AtPoint) -> None:
-    """Refuse a point that is not on the constraints, by position or velocity."""
+    """Raise StatementError for a point that does not satisfy the constraints, in position or velocity."""
     held = here.equations.stated
     for one, phi, psi in zip(here.statement.constraints, held.positions, held.velocities, strict=True):
         if one.expression.xreplace(here.form.plain).has(t):
@@ -517,7 +520,7 @@ def _check(here: AtPoint) -> None:
 
 
 def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
-    """Return the accelerations that forces make of independent velocities."""
+    """Return the accelerations of independent velocities that unbalanced forces `left` cause."""
     if left.is_zero_matrix or (here.point.decimal and all(here.point.is_zero(x, ()) for x in left)):
         return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):

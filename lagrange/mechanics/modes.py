@@ -167,7 +167,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct numbers for all symbols, so that frequencies can be ordered without parameter values."""
+    """Return distinct numbers for all symbols, to sort frequencies when parameters have no values."""
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
@@ -253,7 +253,7 @@ def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Ro
 
 
 def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
-    """Return two modes with w1^2 + w2^2 = total and w1 w2 = P as (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
+    """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
     `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
     be imaginary.
@@ -267,7 +267,7 @@ def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
 
 
 def _oscillation(root: Any, plain: bool) -> _Root:
-    """Return the undamped mode of a root, which is w^2 if `plain`, else s^2."""
+    """Return the undamped mode of a root. The root is w^2 if `plain`, else s^2."""
     square = root if plain else -root
     frequency = _root_of(square)
     return _Root(frequency, sympy.S.Zero, root if plain else sympy.I * frequency)

@@ -136,7 +136,7 @@ def size(given: Any) -> int:
 
 
 def written_out(given: Any) -> int:
-    """Return the number of nodes of an expression as a tree, with one visit of each different node."""
+    """Return the number of nodes of an expression as a tree. Each different node is visited only once."""
     sizes: dict[Any, int] = {}
     stack = [given]
     while stack:
@@ -185,7 +185,7 @@ def vanishes_in_symbols(given: Any) -> bool:
 
 
 def _is_rounding(given: Any, values: Mapping[Any, Any]) -> bool | None:
-    """Return True if the value of an expression is rounding of zero, None if it has no value."""
+    """Return True if an expression evaluates to a rounding error of zero, None if it has no value."""
     value, terms = number(given, values), size_of_terms(given, values)
     return None if value != value or terms != terms else abs(value) <= RESIDUAL * terms
 
@@ -209,9 +209,9 @@ MOST_NODES = 15_000
 
 
 class Shortener:
-    """Short forms of expressions, until all of them exceed the bound together. The refusal names `what` they make up.
+    """Computes short forms of expressions, within a bound on their total size.
 
-    `vanishes` returns True for an expression that is zero in disguise.
+    A refusal names `what` the expressions make up. `vanishes` returns True for an expression that is identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:

@@ -70,7 +70,7 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return the statement in turns of its bodies, for new coordinates that contain the rotations; else itself."""
+    """Return the statement for new `coordinates`, in turns of its bodies if they contain the rotations; else itself."""
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
 
@@ -78,7 +78,7 @@ def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
 def with_origin(made: Statement, statement: Statement) -> Statement:
     """Return a derived statement with the description, source, run settings and dimensions of the original.
 
-    Events are left out: they are stated in the original coordinates and parameters.
+    Events are left out, since they are stated in the original coordinates and parameters.
     """
     left = {t, *made.coordinates, *made.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
@@ -281,7 +281,10 @@ def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
 
 
 def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the first constraint that determines a coordinate, and its expression. Raises StatementError."""
+    """Return the first constraint that determines a coordinate, and its expression.
+
+    Raises StatementError if none does.
+    """
     for one in held:
         found = _solution(one, name, statement)
         if found is not None:
@@ -320,7 +323,7 @@ def _on_velocities(names: Sequence[str]) -> str:
 
 
 def _checked(held: Sequence[Constraint], name: str, given: Any, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the constraint that a given expression solves, and the expression in plain symbols."""
+    """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols."""
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
     stated = in_own_parameters(expression(given, what), statement.parameters)
     survey = Survey()
@@ -351,7 +354,7 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
 
 
 def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:
-    """Return the statement with an expression, in plain symbols, for a coordinate, and without its constraint."""
+    """Return the statement with a coordinate replaced by an expression in plain symbols, without the constraint."""
     place = statement.names.index(name)
     gone = statement.coordinates[place]
     plain = statement.plain

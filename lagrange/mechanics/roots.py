@@ -138,7 +138,7 @@ def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None
 
 
 def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
-    """Return [(x, value)] for the roots of a factor with the single unknown x, or None if it cannot be solved."""
+    """Return [(x, value)] for the roots of a factor whose only unknown is x, or None if it cannot be solved."""
     functions = sorted((f for f in factor.atoms(sympy.sin, sympy.cos, sympy.tan) if f.has(x)), key=str)
     if functions:
         return _angle(factor, x, functions)
@@ -311,7 +311,7 @@ def numeric_roots(
 
 
 def _starts(start: FloatArray, turning: Any, scale: FloatArray, helpers: int) -> FloatArray:
-    """Return the starts (k + helpers, STARTS): the first, zero, and random points of several magnitudes."""
+    """Return the starts (k + helpers, STARTS): the given one, zero, and random points of several magnitudes."""
     draw, k = np.random.default_rng(0), len(start)
     sizes = scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
     turns = draw.uniform(-np.pi, np.pi, (k, STARTS))

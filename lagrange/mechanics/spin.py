@@ -73,7 +73,7 @@ class _InTurns:
         self.rest = sympy.Matrix([self.value(law, still) for law in self.laws])
 
     def bodies(self) -> Iterator[tuple[int, Rotation]]:
-        """Yield each rotation with the place of its first turn among the coordinates."""
+        """Yield each rotation with the index of its first turn among the coordinates."""
         first = self.n - 3 * len(self.statement.rotations)
         return zip(range(first, self.n, 3), map(rotation_of, self.statement.rotations), strict=True)
 
@@ -102,7 +102,7 @@ class _InTurns:
         return (-self.mass.adjugate() * self.rest / determinant).applyfunc(simplest)
 
     def swirl(self, column: Any) -> Any:
-        """Return the matrix of the products w x x, (n, n); `column` has w in the rows of the turns."""
+        """Return the matrix W (n, n) with W x = w x x for each body. `column` has w in the rows of the turns."""
         made = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
             made[first : first + 3, first : first + 3] = cross_matrix(column[first : first + 3])
@@ -144,7 +144,7 @@ class _InTurns:
         )
 
     def compare(self, found: Linearization, model: Model) -> None:
-        """Raise RunError if the compiled model has other accelerations near the point, at the values of parameters."""
+        """Raise RunError if the compiled model has other accelerations near the point, at the parameters' values."""
         statement = self.statement
         if any(p not in statement.defaults for p in statement.parameters if p not in self.inputs):
             return

@@ -194,7 +194,7 @@ def has_energy(form: PlainForm) -> bool:
 
 
 def only_brakes(form: PlainForm) -> bool:
-    """Return True if the dissipation D only takes energy: its power v . dD/dv is never negative.
+    """Return True if the dissipation D only takes energy, so that its power v . dD/dv is never negative.
 
     For D = v C v/2 with a constant C, the caller tests that C is positive semidefinite. Any other D has to be a sum of
     terms that are homogeneous in the velocities and not negative: C does not show terms such as -v^4 or x v^2.
@@ -421,7 +421,7 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
 
 
 def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
-    """Return the eigenvalues extrapolated linearly from the last two known rows, or None if no row is known.
+    """Return the eigenvalues at `value`, extrapolated from the last two known rows, or None if no row is known.
 
     Extrapolation keeps the columns in order where eigenvalues cross.
     """

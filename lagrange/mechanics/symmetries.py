@@ -54,7 +54,7 @@ class BodyPosition:
 
 
 def place(stated: StatedAlgebra) -> BodyPosition | None:
-    """Return the position of the single body of a statement, or None if none of PLACINGS gives its kinetic energy."""
+    """Return the position of a statement's single body, or None if none of PLACINGS gives its kinetic energy."""
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -123,7 +123,7 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition) -> tuple[str, int] | None:
-    """Return the name of a rotation about a fixed axis or of a shift along one, as the body's place shows it."""
+    """Return a name such as "angular momentum z" for a rotation about a fixed axis or a shift along one."""
     moved = Matrix(
         [sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in place.r]
     )
@@ -144,7 +144,7 @@ def _same(stated: StatedAlgebra, first: Any, second: Any) -> bool:
 
 
 def untaken(name: str, taken: Sequence[str]) -> str:
-    """Return the name, with a number appended if it is taken."""
+    """Return the name, with a number appended if the name is taken."""
     names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
     return next(candidate for candidate in names if candidate not in taken)
 
@@ -224,7 +224,10 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class SymmetryEquation:
-    """The condition of a symmetry, with the forces and the power of a statement as sums of monomials."""
+    """Tests and completes symmetries of a statement.
+
+    The condition of a symmetry needs the generalized forces and their power, kept here as sums of monomials.
+    """
 
     stated: StatedAlgebra
     forces: Sequence[MonomialSum] = field(init=False)
@@ -324,7 +327,7 @@ class SymmetryEquation:
         return algebra.add(algebra.differentiate(terms, stated.time), *moved)
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
-        """Return G xi, the rate of change of each constraint expression under the shift xi."""
+        """Return G xi: the rates at which the constraint expressions change under the shift xi."""
         stated, algebra = self.stated, self.stated.algebra
         found = []
         for one in stated.statement.constraints:
@@ -362,9 +365,9 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield the shift of time, those of each coordinate, and those of several coordinates together.
+    """Yield the shift of time, that of each coordinate, and common shifts of several coordinates.
 
-    Together are moved the coordinates of one axis, such as x1 and x2, and all coordinates.
+    Common shifts move the coordinates of one axis, such as x1 and x2, or all coordinates.
     """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)

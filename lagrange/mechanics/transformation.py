@@ -78,7 +78,7 @@ class Transformation:
 
     @cached_property
     def old(self) -> tuple[Any, ...]:
-        """The old coordinates in plain symbols of the new ones."""
+        """Values of the old coordinates, as expressions in plain symbols of the new ones."""
         return tuple(differentiable(x.xreplace(self.plain)) for x in self.expressions)
 
     @cached_property
@@ -103,7 +103,7 @@ class Transformation:
         return found
 
     def put(self, given: Any) -> Any:
-        """Return a stated expression in the new coordinates."""
+        """Return a stated expression with the new coordinates put in."""
         if not given.has(*self.gone, *self.positive):
             return given
         return self.back(simplest(printable(given.xreplace(self.table))))
@@ -156,11 +156,10 @@ def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
-    """Return the new initial state (q, v) that the transformation maps to the old one.
+    """Return the initial state (q, v) in new coordinates that the transformation maps to the old one.
 
-    Of several, one with positive lengths is preferred, then the one with the smallest coordinates.
-
-    Raises StatementError if no such state is found, or if parameters have no values.
+    Of several, one with positive lengths is preferred, then the one with the smallest coordinates. Raises
+    StatementError if no such state is found, or if parameters have no values.
     """
     old, n = change.statement, len(made.coordinates)
     rows = [old.coordinates.index(q) for q in change.gone]
@@ -344,7 +343,7 @@ class Routh:
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
-        """Replacement of the ignored coordinates by zero: nothing depends on them."""
+        """Replacement of the ignored coordinates by zero. No formula depends on them."""
         return {self.form.q[i]: sympy.S.Zero for i in self.places}
 
     @cached_property
@@ -555,7 +554,10 @@ def _speed(solution: Any, rate: Any, times: FloatArray) -> FloatArray:
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
-    """Return the integral of a velocity from the first time to each, (N,); all intervals are halved together."""
+    """Return the integral of a velocity from the first time to each of `times`, (N,).
+
+    All intervals are halved together until the estimated error is below `INTEGRAL_TOLERANCE`.
+    """
     lengths = np.diff(times)
     if not len(lengths):
         return np.zeros(1)

@@ -1,1 +1,1 @@
-"""FMUs: what describes them, and the sources in C that are in each."""
+"""FMUs: their descriptions in XML, and the C sources that every FMU contains."""

@@ -33,14 +33,14 @@ TITLE = '<?xml version="1.0" encoding="UTF-8"?>'
 
 
 def number(value: float) -> str:
-    """Return a number as XML Schema writes it, with all its digits."""
+    """Return a number in the syntax of XML Schema, with all its digits."""
     if math.isfinite(value):
         return repr(value)
     return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
 
 
 def element(name: str, attributes: Mapping[str, object], inside: Sequence[str] = ()) -> Iterator[str]:
-    """Yield the lines of an element; attributes that are None or empty are left out."""
+    """Yield the lines of an XML element; attributes that are None or empty are left out."""
     given = "".join(
         f" {key}={quoteattr(str(value))}" for key, value in attributes.items() if value is not None and value != ""
     )
@@ -53,7 +53,7 @@ def element(name: str, attributes: Mapping[str, object], inside: Sequence[str] =
 
 
 def text_of(lines: Sequence[str]) -> str:
-    """Return a document in ASCII: other characters by number."""
+    """Return an XML document in ASCII: other characters as numeric references."""
     return "\n".join([TITLE, *lines, ""]).encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
@@ -70,7 +70,7 @@ def _head(module: SourceModule, fmi: str, token: tuple[str, str]) -> dict[str, o
 
 
 def _common(module: SourceModule, found: Sequence[ScalarVariable]) -> Iterator[str]:
-    """Yield what both versions have alike: units, categories of messages, the run."""
+    """Yield the elements that both FMI versions share: units, log categories, the default experiment."""
     units = sorted({*(one.unit for one in found), module.units.get("t", "")} - {""})
     if units:
         yield from element("UnitDefinitions", {}, [line for one in units for line in element("Unit", {"name": one})])
@@ -103,7 +103,10 @@ def _attributes(one: ScalarVariable) -> dict[str, object]:
 
 
 def _derivatives(module: SourceModule) -> str:
-    """Return whether there are derivatives in a direction: they are those by the state alone, not by inputs."""
+    """Return "true" if the FMU has directional derivatives, else "false".
+
+    They need a Jacobian, which is the derivative by the state alone: a system with inputs has none.
+    """
     return "true" if module.quantity("jacobian") and not module.inputs else "false"
 
 

@@ -1,4 +1,4 @@
-"""The header by which the C of every FMU knows its model."""
+"""The C header that connects the common sources of every FMU with its model."""
 
 from __future__ import annotations
 

@@ -19,7 +19,10 @@ RESULT, INDICATOR = "result", "indicator"
 
 @dataclass(frozen=True)
 class ScalarVariable:
-    """A real variable: `start` is its first value; `of` is the reference of the state that a derivative belongs to."""
+    """A real variable of an FMU; `start` is its initial value.
+
+    For the derivative of a state `of` is the reference of that state.
+    """
 
     name: str
     reference: int
@@ -87,7 +90,7 @@ def _rate_unit(module: SourceModule, k: int) -> str:
 
 
 def _namer() -> Callable[[str], str]:
-    """Return a function that makes names distinct: a name that is taken gets a number as suffix."""
+    """Return a function that makes names unique by a number as suffix."""
     taken = {"time": None}
 
     def named(name: str) -> str:

@@ -46,7 +46,7 @@ def names_of(procedure: Procedure) -> list[str]:
 
 
 def numbers(values: Sequence[float]) -> str:
-    """Return a list of numbers."""
+    """Return C literals of numbers as one comma-separated list."""
     return ", ".join(map(LITERALS.real, values))
 
 
@@ -132,7 +132,7 @@ def source(module: SourceModule) -> str:
 
 
 def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
-    """Yield the types of records and of several results."""
+    """Yield the C types of records, and of the results of functions that return several numbers."""
     for record in records_of(procedures):
         yield structure(c_names.record(record), record.fields)
     for procedure in procedures:
@@ -142,7 +142,7 @@ def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
 
 
 def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
-    """Return a type of named numbers."""
+    """Return the C declaration of a struct of numbers with a name and fields."""
     return "\n".join(["typedef struct {", *(f"    {KINDS[kind]} {one};" for one, kind in fields), f"}} {name};", ""])
 
 

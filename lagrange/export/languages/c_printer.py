@@ -51,7 +51,7 @@ class BracedPrinter(SourcePrinter):
         return ascii_name(stem)
 
     def function_of(self, op: str) -> str:
-        """Return the name of the function for an operation, and record that the file needs its definition."""
+        """Return the name of the function for an operation; note that the file needs its definition."""
         if op in self.functions:
             return self.functions[op]
         if op not in self.helpers:
@@ -60,11 +60,11 @@ class BracedPrinter(SourcePrinter):
         return self.helpers[op][0]
 
     def tail(self) -> list[str]:
-        """Return the lines after the body."""
+        """Return the lines that end a function, after its body."""
         return ["}"]
 
     def broken(self, line: str) -> list[str]:
-        """Return a line as several where it is long; a comment stays whole."""
+        """Return a line, broken into several if it is long; a comment is not broken."""
         return [line] if line.lstrip().startswith(("//", "/*")) else continued(line)
 
     def assign(self, target: str, text: str) -> str:
@@ -97,7 +97,7 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, place: str) -> str:
-        """Return a partial sum."""
+        """Return the name of the partial sum `place` of a reduction."""
         return f"{self.text(ref)}[{place}]"
 
     def modulo(self, index: str) -> str:
@@ -166,13 +166,11 @@ HELPERS: Mapping[str, tuple[str, str]] = {
         "double of_bits(int64_t bits) {\n    double x;\n    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
     ),
 }
-"""Operations without a function in C: name and definition of a helper. All of them keep NaN.
-
-Those of bits read doubles as IEEE 754 has them. Sizes have the order of their bits, and NaN is the largest.
-"""
+"""Helper functions for operations that C lacks: name and definition by operation. All of them return NaN for NaN. Those
+that read bits assume IEEE 754 doubles. Magnitudes compare as their bits do, with NaN as the largest."""
 
 BITS = frozenset(("two_to", "exponent", "mantissa", "size_bits", "of_bits"))
-"""The helpers that copy the bits of a number, for which a file includes string.h."""
+"""Helper functions that copy the bits of a number: a file with one of them includes string.h."""
 
 _CONSTANTS = "E LOG2E LOG10E LN2 LN10 PI PI_2 PI_4 1_PI 2_PI 2_SQRTPI SQRT2 SQRT1_2"
 _KINDS = ("", "f", "l", "f32", "f64", "f128", "f32x", "f64x")
@@ -205,10 +203,10 @@ RESERVED = (
     *_MACROS.split(),
     *_WORDS.split(),
 )
-"""Words that cannot be names of values: keywords, macros, and names of parameters of functions."""
+"""Words that must not be names of values: keywords, macros, and names of function parameters."""
 
 WIDTH = 110
-"""Largest length of a line of comment or of a function head."""
+"""Largest length of a line in a comment or the head of a function."""
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def evaluated(make, times, states):
 
 
 def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
+    """Return the text of the functions `name` and `name_checked`; `names` are the names of values by instruction."""
     lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"

@@ -23,7 +23,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
 
 DATE = (1980, 1, 1, 0, 0, 0)
-"""Of every file in the archive: the same statement gives the same bytes."""
+"""Date of every file in the archive. It is constant, so that one statement always gives the same bytes."""
 
 COMPILER = ("cc", "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
 """Compiler command for the library, which exports only the functions of FMI."""
@@ -82,7 +82,7 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
 
 
 def binary_path(name: str, major: int) -> str | None:
-    """Return the folder of the library of this platform in an FMU, or None if FMI has no name for the platform."""
+    """Return the folder in an FMU for this platform's library, or None if FMI does not name the platform."""
     architecture = ARCHITECTURES.get(platform.machine())
     system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
     if architecture is None or system is None:

@@ -31,14 +31,12 @@ OPERATIONS: Mapping[str, Operator] = {
     "max": call("larger({0}, {1})"),
     "sign": call("sign_of({0})"),
 }
-"""Operations with precedences; a signed number binds like a sum, since no sign may follow an operator.
-
-Compilers warn of == between reals: a function compares them.
-"""
+"""Templates and precedences of operations. A signed number binds like a sum, since no sign may follow an operator.
+Reals are compared by a function, since compilers warn of ==."""
 
 
 def _finite(value: float) -> str:
-    """Return a finite double; one below the normal numbers by its bits, since compilers warn of it."""
+    """Return the literal of a finite double. A subnormal number is given by its bits, since compilers warn of it."""
     if 0.0 < abs(value) < 2.0**-1022:
         (bits,) = struct.unpack("<q", struct.pack("<d", abs(value)))
         return f"{'-' if value < 0 else ''}transfer({bits}_int64, 1.0_dp)"
@@ -49,7 +47,7 @@ LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, str, _
 
 
 def _helper(kind: str, name: str, given: str, body: str) -> str:
-    """Return a function of reals that sets its result r."""
+    """Return the text of a Fortran function of reals that sets its result r."""
     lines = [
         f"  elemental function {name}({given}) result(r)",
         f"    real(dp), intent(in) :: {given}",
@@ -64,13 +62,13 @@ HELPERS: Mapping[str, str] = {
     "max": _helper("real(dp)", "larger", "a, b", "r = b\nif (a > b .or. .not. (a <= a)) r = a"),
     "sign": _helper("real(dp)", "sign_of", "x", "r = x\nif (x > 0.0_dp) r = 1.0_dp\nif (x < 0.0_dp) r = -1.0_dp"),
 }
-"""Operations that Fortran has no function for. NaN stays NaN in all."""
+"""Helper functions for operations that Fortran lacks. All return NaN for NaN."""
 
 CONSTANTS: Mapping[str, str] = {
     "infinity": "transfer(9218868437227405312_int64, 1.0_dp)",
     "not_a_number": "transfer(9221120237041090560_int64, 1.0_dp)",
 }
-"""Values that have no literal."""
+"""Constants of values without a literal."""
 
 _STATEMENTS = """
     abstract allocatable allocate assign associate asynchronous backspace bind block call case character class close
@@ -97,7 +95,7 @@ WIDTH, LONGEST_LINE = 110, 132
 """Largest length of a line of a list, and of any line of Fortran."""
 
 LARGE = 4096
-"""Numbers in local arrays from which on a compiler might keep them where two threads share them."""
+"""Size from which on local arrays need care: a compiler might keep them where two threads share them."""
 
 FACTORED = """\
   pure subroutine factored(n, a, singular)
@@ -145,7 +143,7 @@ LANGUAGE = Language(
 
 
 def short(line: str) -> list[str]:
-    """Return a statement on lines that are short enough."""
+    """Return a statement, continued on several lines if it is long."""
     return continued(line, LONGEST_LINE, "&")
 
 
@@ -154,7 +152,7 @@ def _comment(text: str, indent: str = "  ") -> list[str]:
 
 
 def listed(head: str, names: Sequence[str]) -> Iterator[str]:
-    """Yield statements with a list of names, as many as fit on each."""
+    """Yield statements that begin with `head` and list names, as many names as fit on each line."""
     line = ""
     for name in names:
         if line and len(head) + len(line) + len(name) > WIDTH:
@@ -195,7 +193,7 @@ def source(module: SourceModule) -> str:
 
 
 def _subroutine(name: str, given: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield a subroutine; the last argument but `singular` is the array that it writes."""
+    """Yield the lines of a subroutine; its last argument except `singular` is the array that it writes."""
     *arrays, made = given.split(", ")
     size = 1
     for _, _, dimensions in function.declared:
@@ -227,7 +225,7 @@ def _subroutine(name: str, given: str, about: str, function: PrintedFunction) ->
 
 
 def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lengths of all arrays, the default parameters, and what has no literal."""
+    """Yield the lengths of all arrays, the default parameters, and the constants without a literal."""
     yield from _comment(places("y", module.state, "{0}({1})", 1))
     yield from _comment(places("parameters", module.parameters, "{0}({1})", 1))
     yield from _comment(
@@ -309,7 +307,7 @@ contains
     chunk=120,
     quoted="'{}'".format,
 )
-"""The test; its lists are assigned in parts, since a compiler need not take more than 256 lines of a statement."""
+"""The self-test. Its lists are assigned in parts, since compilers need not accept statements of more than 256 lines."""
 
 
 @register

@@ -57,9 +57,9 @@ class JavaScript(Target):
 
 
 def source(module: SourceModule) -> str:
-    """Return the module.
+    """Return the text of the module.
 
-    Functions that are called once for a run check the lengths of arrays; for a quantity that would be 3% of its time.
+    Functions that are called once a run check the lengths of arrays. Quantities do not: it would take 3% of their time.
     """
     quantities = [one.procedure for one in module.quantities]
     file = File(
@@ -98,7 +98,7 @@ def _memory(file: File) -> Iterator[str]:
 
 
 def _places_given(module: SourceModule) -> Shifted:
-    """Return the arrays for which users may give a place: states and results of quantities."""
+    """Return the arrays for which users may pass an offset: states and results of quantities."""
     given = {}
     for one in module.quantities:
         names = [parameter.name for parameter in one.procedure.parameters]

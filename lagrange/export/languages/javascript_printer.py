@@ -32,7 +32,7 @@ _MATH = (
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
 )
 FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
-"""Functions of the language. They return NaN or infinity where they have no value."""
+"""Functions of the language by operation. They return NaN or infinity outside of their domain."""
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
 
@@ -99,11 +99,11 @@ function mantissa(x) {
 }""",
     ),
 }
-"""Operations without an equal function in JavaScript: the name of a helper, and its definition."""
+"""Helper functions for operations that JavaScript lacks: name and definition."""
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
-    """Return the definitions of helpers."""
+    """Return the definitions of the helper functions for some operations."""
     lines = [_BITS, ""] if any("bits." in HELPERS[op][1] for op in ops) else []
     return [*lines, *(line for op in sorted(ops) for line in (*HELPERS[op][1].splitlines(), ""))]
 
@@ -148,7 +148,7 @@ def _parts(block: Block) -> Iterator[Part]:
 
 
 class Place(NamedTuple):
-    """An index into an array: the sum of some variables, by name, and of a number."""
+    """An index into an array: the sum of variables, given by name, and a number."""
 
     array: int
     names: tuple[str, ...] = ()
@@ -280,7 +280,7 @@ class _JavaScriptPrinter(BracedPrinter):
         return {}
 
     def part(self, part: Part) -> None:
-        """Record the whole array and the offset of a subarray; print a variable for an offset that is not constant."""
+        """Note the whole array and the offset of a subarray; an offset that is not constant becomes a variable."""
         whole = self.place_of(part.array)
         if part.start in self.constants:
             self._parts[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
@@ -290,7 +290,7 @@ class _JavaScriptPrinter(BracedPrinter):
         self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
     def begins(self, array: int, place: Place) -> None:
-        """Record the whole array of a subarray, and its offset there."""
+        """Note the whole array to which a subarray belongs, and its offset in it."""
         self._parts[array] = place
 
     def place_of(self, array: int) -> Place:
@@ -315,7 +315,7 @@ class _JavaScriptPrinter(BracedPrinter):
         return begin.array, summed(begin.names, begin.number + 0)
 
     def whole_text(self, text: str) -> str:
-        """Return the text of an index as a term of a sum."""
+        """Return an index as text that can be added to others."""
         return text
 
 

@@ -20,8 +20,9 @@ from lagrange.program.program import Program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 WRITTEN_OUT = 4
-"""Largest matrix that is eliminated entry by entry. In a batch a matrix of order 2 then takes 30 ns instead of LAPACK's
-290, of order 4 200 instead of 520; one of order 6 takes as long either way, and five times as long to compile."""
+"""Largest order of a matrix that is eliminated entry by entry; a larger one goes to LAPACK. In a batch, order 2 takes
+30 ns instead of 290, order 4 200 instead of 520. Order 6 takes as long either way, and five times as long to
+compile."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

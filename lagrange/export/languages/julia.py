@@ -1,4 +1,4 @@
-"""Julia: a module of functions, the names of which end with ! as they write to their arguments, and its test."""
+"""Julia: a module of functions, whose names end with ! because they write to their arguments, and its test."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ OPERATIONS: Mapping[str, Operator] = {
     "power": call("power_of({0}, {1})"),
     "select": call("ifelse({0}, {1}, {2})"),
 }
-"""Operations; `min` and `max` are NaN if an argument is NaN."""
+"""Templates of operations. `min` and `max` are NaN if an argument is NaN."""
 
 LITERALS = Literals("Inf", "NaN")
 
 
 def _real(name: str, outside: str) -> str:
-    """Return a function of x that is NaN where the function of the language raises an error."""
+    """Return a Julia function of x that calls `name`, but returns NaN where that raises an error: under `outside`."""
     return f"{name}_of(x) = {outside} ? oftype(x, NaN) : {name}(x)\n"
 
 
@@ -45,7 +45,7 @@ HELPERS: Mapping[str, str] = {
     ),
     "sign": "sign_of(x) = x > 0 ? one(x) : x < 0 ? -one(x) : x\n",
 }
-"""Operations that are defined in the file. NaN stays NaN in all."""
+"""Helper functions that the file defines. All return NaN for NaN."""
 
 _KEYWORDS = """
     abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
@@ -70,7 +70,7 @@ _LIBRARY = """
     Version
 """
 MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
-"""Words that are not names of modules: modules of the standard library, and types."""
+"""Words that must not be the module's name: modules of the standard library, and types."""
 
 WIDTH = 110
 """Largest length of a line of comment."""
@@ -125,7 +125,10 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, least: Mapping[str, int]) -> Iterator[str]:
-    """Yield a function; `least` are the smallest lengths of its arrays. A line ends its statement in Julia."""
+    """Yield the lines of a function; `least` are the smallest allowed lengths of its arrays.
+
+    In Julia the end of a line ends a statement.
+    """
     yield from ('"""', f"    {head}", "")
     yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, WIDTH))
     yield from ('"""', f"function {head}")

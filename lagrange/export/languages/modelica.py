@@ -18,7 +18,7 @@ from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, ca
 
 _DIRECT = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh", "abs")
 EXTERNAL = ("asinh", "acosh", "atanh", "erf")
-"""Functions of the C library, which the language gives access to."""
+"""Functions that the language can call from the C library."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
@@ -65,7 +65,7 @@ HELPERS: Mapping[str, str] = {
     "max": _helper("larger", "a;\n  input Real b", "if a > b or a <> a then a else b"),
     "sign": _helper("sign_of", "a", "if a > 0.0 then 1.0 elseif a < 0.0 then -1.0 else a"),
 }
-"""Operations that are functions of the package, in which NaN stays NaN."""
+"""Functions that the package defines. All return NaN for NaN."""
 
 TAKEN = """
     algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
@@ -143,19 +143,20 @@ FINITE = """\
     assert(abs(out[k]) <= 1.7976931348623157e+308, "a matrix is singular to round-off, or a result is not finite");
   end for;
 """
-"""After divisions by inertias: if one is zero, results are not finite, and a simulation could not go on."""
+"""Assertion after divisions by inertias. If an inertia is zero, results are not finite, and a simulation could not go
+on."""
 
 WIDTH = 100
 
 
 def broken(line: str, width: int = WIDTH) -> list[str]:
-    """Return a line as several lines of a width; all but the first are indented."""
+    """Return a line as several lines of at most `width` characters; all but the first are indented."""
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def remark(about: str) -> list[str]:
-    """Return the lines of a comment."""
+    """Return the lines of a Modelica comment."""
     return commented(about, "//", WIDTH + 3)
 
 
@@ -177,7 +178,7 @@ def text(module: SourceModule) -> Iterator[str]:
 
 
 def function_lines(functions: Functions) -> Iterator[str]:
-    """Yield the package of the functions."""
+    """Yield the lines of the package's functions."""
     module, size = functions.module, functions.hoisted.size
     state = places("y", module.state, first=1)
     lines = ["", *remark(module.prepare.about), *remark(places("parameters", module.parameters, first=1))]
@@ -197,7 +198,10 @@ def function_lines(functions: Functions) -> Iterator[str]:
 
 
 def _function(name: str, given: Mapping[str, int], made: str, function: PrintedFunction, finite: str) -> Iterator[str]:
-    """Yield a function: its arguments by name with their lengths (0 for a number), and the array that it makes."""
+    """Yield the lines of a function.
+
+    `given` has the length of each argument by name, 0 for a number; `made` is the array that the function returns.
+    """
     yield f"function {name}"
     yield from (f"  input Real {one};" if one == "t" else f"  input Real {one}[{size}];" for one, size in given.items())
     yield f"  output Real {made};"
@@ -215,7 +219,7 @@ def _function(name: str, given: Mapping[str, int], made: str, function: PrintedF
 
 
 def motion(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the model of the motion from the initial state."""
+    """Yield the lines of the model that simulates the motion from the initial state."""
     shown = [one for one in module.quantities if one.name not in ("rhs", "jacobian")]
     every = (*module.state, *module.parameters, *(one.name for one in shown))
     names = distinct(every, RESERVED)
@@ -354,4 +358,4 @@ found := simulate({name}_test.Test, startTime = 0.0, stopTime = 1.0, numberOfInt
 getErrorString();
 exit(if found.resultFile == "" then 1 else 0);
 """
-"""A script of OpenModelica that runs the test, with exit status 1 where it fails."""
+"""Script for OpenModelica that runs the test; its exit status is 1 if the test fails."""

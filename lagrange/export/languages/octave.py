@@ -1,6 +1,6 @@
 """MATLAB and Octave: a file for each function that users call, and one for the test.
 
-Arrays are values there: what a function writes it returns.
+Arrays are passed by value: a function returns the arrays that it computes.
 """
 
 from __future__ import annotations
@@ -29,18 +29,21 @@ OPERATIONS: Mapping[str, Operator] = {
     "not": OPERATORS["not"]._replace(text="~{0}"),
     "select": call("pick({0}, {1}, {2})"),
 }
-"""Operations: functions of the language where they are real for real numbers."""
+"""Templates of operations. A function of the language is used where its values are real for real numbers."""
 
 LITERALS = Literals("Inf", "NaN")
 
 
 def _helper(head: str, text: str) -> str:
-    """Return a function that sets its result r."""
+    """Return the text of an Octave function with a head; its body, `text`, sets the result r."""
     return "\n".join([f"function r = {head}", *(f"    {line}" for line in text.splitlines()), "end", ""])
 
 
 def _real(name: str, outside: str) -> str:
-    """Return a function of x that is NaN where the one of the language has complex values."""
+    """Return a helper function of x that calls `name`, and returns NaN under `outside`.
+
+    There Octave's function has complex values.
+    """
     return _helper(f"{name}_of(x)", f"if {outside}\n    r = NaN;\nelse\n    r = {name}(x);\nend")
 
 
@@ -62,7 +65,7 @@ HELPERS: Mapping[str, str] = {
     "max": _choice("larger(a, b)", "a > b || a ~= a"),
     "sign": _helper("sign_of(x)", "if x > 0\n    r = 1;\nelseif x < 0\n    r = -1;\nelse\n    r = x;\nend"),
 }
-"""Operations that are defined in a file. NaN stays NaN in all."""
+"""Helper functions that a file defines. All return NaN for NaN."""
 
 _KEYWORDS = """
     arguments break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endclassdef
@@ -80,7 +83,7 @@ RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" 
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
 LONGEST_LINE = 120
-"""Characters of a statement."""
+"""Largest length of a statement, in characters."""
 
 LANGUAGE = Language(
     name="Octave",
@@ -134,7 +137,7 @@ def _defaults(module: SourceModule, prefix: str) -> str:
 
 
 def _text(module: SourceModule, head: str, about: Sequence[str], function: PrintedFunction, size: int) -> str:
-    """Return the file of a function that makes an array of a size, followed by the functions that it calls."""
+    """Return the file of a function that returns an array of a size, followed by its helper functions."""
     array = head[1 : head.index(",")]
     lines = [
         f"function {head}",

@@ -75,21 +75,21 @@ def _exponent(x):
     return max(math.frexp(x)[1] - 1, -1023) if x else -1023""",
     "mantissa": "def _mantissa(x):\n    return 2.0 * math.frexp(abs(x))[0]",
 }
-"""Operations defined in the file. They return NaN or infinity, as machine code does, where Python raises an error."""
+"""Functions that the file defines: they return NaN or infinity, as machine code does, where Python raises an error."""
 
 NEEDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh"), ("total",)),
     **dict.fromkeys(("log", "atanh"), ("total",)),
     "magnitude": ("max",),
 }
-"""The helpers that others use."""
+"""Helper functions that other helpers call."""
 
 _RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test main y p out t h parameters "
 RESERVED = (
     *keyword.kwlist,
     *_RESERVED.split(),
 )
-"""Words that are not names of values."""
+"""Words that must not be names of values."""
 
 _FILES = (
     "abc array ast asyncio base64 bisect bz2 calendar code codecs collections contextlib copy csv ctypes "
@@ -102,7 +102,8 @@ FILES = (
     *keyword.kwlist,
     *_FILES.split(),
 )
-"""Names that no module of a user's may have, since NumPy would import it instead of its own."""
+"""Words that must not be the module's name: keywords, and modules that NumPy imports, which it would find in its
+place."""
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
@@ -137,7 +138,7 @@ class Python(Target):
 
 
 def file_name(module: SourceModule) -> str:
-    """Return the name of the module, which no keyword and no module that NumPy imports has."""
+    """Return the name of the module; it is not a keyword or the name of a module that NumPy imports."""
     return distinct([module.name], FILES)[0]
 
 
@@ -149,7 +150,7 @@ class _File:
 
 
 class _ExportPrinter(Printer):
-    """Prints one procedure, whose name begins with an underscore: arrays are memory views of NumPy's."""
+    """Prints one procedure as a Python function whose name begins with an underscore; its arrays are memory views."""
 
     def __init__(self, procedure: Procedure, file: _File) -> None:
         self.file = file
@@ -238,7 +239,7 @@ def constants(module: SourceModule) -> Iterator[str]:
 
 
 def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
-    """Yield a public function, which takes arrays of NumPy."""
+    """Yield the lines of a public function, which takes NumPy arrays and calls the private one."""
     names = [one.name for one in procedure.parameters]
     passed = [_passed(one.name, one.type) for one in procedure.parameters]
     first, *rest = commented(about_of(module, procedure).replace('"', "'"), "")

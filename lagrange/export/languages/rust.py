@@ -85,7 +85,7 @@ fn atanh(x: f64) -> f64 {
 }
 """,
 }
-"""Operations that are defined in the file. NaN stays NaN in all."""
+"""Helper functions that the file defines. All return NaN for NaN."""
 
 _RESERVED = (
     "as async await break const continue crate dyn else enum extern false fn for if impl in let loop match "
@@ -160,7 +160,7 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, slices: str) -> Iterator[str]:
-    """Yield a function; `slices` checks the lengths of its arrays once."""
+    """Yield the lines of a function; `slices` are lines that check the lengths of its arrays once."""
     yield from commented(about, "///")
     yield head
     ignored = [name for name in function.unused if name in head.replace("(", " ").replace(":", " ").split()]
@@ -276,5 +276,5 @@ class Rust(Target):
 
 
 def file_name(module: SourceModule) -> str:
-    """Return the name of the module, which no keyword or crate has."""
+    """Return the name of the module; it is not a keyword or the name of one of Rust's own crates."""
     return distinct([module.name], (*RESERVED, "alloc", "lib", "proc_macro"))[0]

@@ -1,4 +1,4 @@
-"""Processor time that one comparison may spend on the name of a wrong term; its verdict needs none of it."""
+"""Limit on the processor time that one comparison spends on naming a wrong term; the verdict does not need it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Reading counts, so that an answer of 500 terms, which takes 0.6 s to read, ends 
 """
 
 UNNAMED = "It is too long, or its numbers are too large, to find its wrong term in good time."
-"""Sentence on a wrong equation for which the budget is spent."""
+"""Sentence on a wrong equation whose wrong term was not found within the budget."""
 
 LARGEST_EXPANSION = 5_000
 """Largest number of terms of an equation, multiplied out, in which a wrong term is searched.
@@ -38,12 +38,12 @@ _END: ContextVar[float] = ContextVar("end of the budget", default=inf)
 
 
 class BudgetSpent(Exception):
-    """The processor time for the name of a wrong term is spent."""
+    """Raised when the processor time for naming a wrong term is spent."""
 
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Let `check_budget` raise BudgetSpent after some seconds of processor time within the block."""
+    """Context in which `check_budget` raises BudgetSpent after some seconds of processor time."""
     token = _END.set(time.process_time() + seconds)
     try:
         yield
@@ -58,7 +58,7 @@ def check_budget() -> None:
 
 
 def check_size(*expressions: Any) -> None:
-    """Raise BudgetSpent if one of the expressions takes SymPy long in a single call."""
+    """Raise BudgetSpent if one of the expressions is so large that a single call of SymPy takes long."""
     calls = {call for expression in expressions for call in expression.atoms(*_GROWING)}
     numbers = {abs(number) for call in calls for number in call.args[0].atoms(sympy.Number)}
     if max(numbers, default=0) > LARGEST_NUMBER or any(expansion(x) > LARGEST_EXPANSION for x in expressions):

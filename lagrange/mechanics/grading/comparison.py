@@ -42,7 +42,7 @@ A branch that holds only between 3 and 3.0001 is then reached.
 """
 
 Way = tuple[Any, int]
-"""A switch and one of its outcomes."""
+"""A switch (such as a condition or Abs) and one of its outcomes."""
 
 
 def branch_samples(
@@ -80,7 +80,7 @@ def branch_samples(
 
 
 def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
-    """Return the magnitudes of the numbers in the equations, energies and forces, and 1, sorted."""
+    """Return, sorted, 1 and the magnitudes of the numbers in the equations, energies and forces."""
     expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
     numbers = {abs(float(x)) for term in expressions for x in term.atoms(sympy.Number) if x.is_finite}
     return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
@@ -162,7 +162,7 @@ LONGEST_MESSAGE = 400
 """Longest message, in characters. The rest goes to `.details`."""
 
 NEGLIGIBLE = 1e-9
-"""Magnitude below which a number of a right equation must make a difference: terms below `HELD` are not tested."""
+"""Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise."""
 
 LONGEST_QUOTED = 120
 """Longest constraint in a message, in characters."""
@@ -336,7 +336,10 @@ def _compared(
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
-    """Return a sentence on a number too small to be tested: an equation holds with it and with zero; else ""."""
+    """Return a sentence on a tiny number in a right equation, or "".
+
+    The equation holds with the number and with zero in its place, so the number was not tested.
+    """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
             without = StudentEquation(row.label, row.zero.xreplace({number: sympy.S.Zero}))
@@ -391,7 +394,7 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
 
 
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
-    """Return the end of a sentence on what equations that hold leave open, or an empty string.
+    """Return the end of a sentence on what right equations leave undetermined, or an empty string.
 
     An equation without accelerations enters by its derivative with respect to time, and the length of a quaternion
     needs no equation. Constraints are part of the statement: they need not be repeated, unless the answer is `doubted`
@@ -448,7 +451,7 @@ def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
 
 
 def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
-    """Return the names of coordinates and rotations whose accelerations the rows of a matrix do not determine."""
+    """Return the names of coordinates and rotations whose accelerations are not determined by the rows of a matrix."""
     rank, directions = _rank(matrix)
     sizes = np.abs(directions[rank:, : len(names)]).max(axis=0, initial=0.0)
     return list(dict.fromkeys(name for name, size in zip(names, sizes, strict=True) if size > 1e-8))
@@ -457,7 +460,7 @@ def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result if some equations do not hold; `named` is the sentence on the first wrong term."""
+    """Return the result for equations of which some do not hold; `named` is the sentence on the first wrong term."""
     row = rows[wrong[0]]
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
@@ -496,7 +499,7 @@ def _counterexample(row: EquationRow, sample: MotionSample) -> dict[str, float]:
 
 
 def _told(row: EquationRow, sample: MotionSample) -> str:
-    """Return the counterexample as a sentence."""
+    """Return a sentence with the state at which an equation fails, and the difference of its sides there."""
     left, _ = row.residual(sample)
     names = row.statement.names
     if len(names) > MOST_LISTED:

@@ -24,7 +24,8 @@ DIGITS = 60
 """Decimal digits of the velocities: more than the accelerations have."""
 
 LEFT = 1e-40
-"""Largest residual of a relation that is linear in the velocities, relative to its terms: rounding with 60 digits."""
+"""Largest residual, relative to its terms, of a satisfied relation that is linear in the velocities: rounding in 60
+digits."""
 
 SINGULAR = 1e-12
 """Pivot, relative to its row, below which a matrix of relations or masses counts as singular."""
@@ -76,7 +77,7 @@ LEAST = 1e-9
 """Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it."""
 
 ROUND_OFF = 1e-14
-"""Entries of a state on the constraints below this magnitude are rounding of zero."""
+"""Entries of a state on the constraints below this magnitude are rounding errors of zero."""
 
 ATTEMPTS = 120
 """Largest number of random draws in the search for states."""
@@ -161,5 +162,5 @@ class MotionStates:
 
 
 def _without_noise(value: Any) -> Any:
-    """Return an entry of a state on the constraints, zero where it is the round-off of zero."""
+    """Return an entry of a state on the constraints; zero in place of a rounding error of zero."""
     return 0.0 if abs(value) < ROUND_OFF else value

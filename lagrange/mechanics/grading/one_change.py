@@ -63,10 +63,10 @@ LONGEST_EXPANDED = 80
 """Largest number of operations of a corrected term that is expanded to find it among the right terms."""
 
 CLOSE = 1e-9
-"""Largest difference of logarithms that are equal: those of doubles agree to 1e-14."""
+"""Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14."""
 
 NONE = 1e-20
-"""Magnitude, relative to its parts, below which a sum is zero: the accelerations have about 30 digits."""
+"""Magnitude, relative to its terms, below which a sum counts as zero: the accelerations have about 30 digits."""
 
 SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
 """Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term."""
@@ -78,7 +78,8 @@ UNNUMBERED = 0.2
 """Added cost of a number other than -1 in a term that was typed without one."""
 
 OF_DERIVATIVE = 1.5
-"""Added cost of a change of a term of a typed derivative d/dt(...), of which the whole is no wrong momentum."""
+"""Added cost of changing a term of a typed derivative d/dt(...) if the derivative as a whole is not a wrong
+momentum."""
 
 OF_SIDE, OF_RATE, OF_SOLVED, DENOMINATOR = 0.45, 0.15, 5.0, 0.1
 """Added costs of a change of a whole sum, of a term with an acceleration, of a left side that is a lone acceleration,
@@ -94,9 +95,9 @@ and of one with a number."""
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum of an equation: the side it is on (0 left, 1 right), the path of arguments to it, and its terms.
+    """A sum of an equation: its side (0 left, 1 right), the path of arguments to it, and its terms.
 
-    `around` is the product of the factors around it; `below` is true in a denominator.
+    `around` is the product of the factors around the sum; `below` is true in a denominator.
     """
 
     side: int
@@ -115,7 +116,7 @@ class Sum:
 class Change:
     """A change of a sum that makes the equation right; `row` is the right equation.
 
-    `difference` is that of a term of the sum, or of the whole sum.
+    `difference` is the change of a term of the sum, or of the whole sum.
     """
 
     place: Sum
@@ -125,7 +126,7 @@ class Change:
 
     @property
     def corrected(self) -> Any:
-        """The sum with the right term in it."""
+        """The sum after the change."""
         return self.place.whole - self.difference.there + self.difference.wanted
 
 
@@ -172,7 +173,7 @@ def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequenc
 
 
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
-    """Return True if an equation says nothing, as x'' = x'', or has no acceleration that `row` has."""
+    """Return True if an equation is trivial, as x'' = x'', or lacks an acceleration that `row` has."""
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
     slopes = corrected.numbers(sample)[0]
@@ -199,7 +200,7 @@ def _sums(side: int, expression: Any) -> Iterator[Sum]:
 
 
 def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
-    """Return an expression with the part at a path of arguments replaced."""
+    """Return an expression with a part replaced; the part is given by its path of arguments."""
     if not path:
         return part
     first, *rest = path
@@ -279,7 +280,7 @@ class _Search:
         return keys, table, [self._price(key) for key in keys]
 
     def _price(self, key: Sequence[tuple[int, int]]) -> float:
-        """Return the cost of a product of powers."""
+        """Return the cost of a product of powers, `key` being its (index of a base, exponent) pairs."""
         bases = [self.bases[i] for i, _ in key]
         if len(key) == 2 and {e for _, e in key} == {1, -1}:
             kinds = {type(base) for base in bases}
@@ -291,7 +292,7 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * unlikely
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, number, product of powers) of which values are the product at all samples."""
+        """Yield (cost, number, product of powers) whose product has the given values at all samples."""
         if not all(values):
             return
         keys, table, prices = self.products
@@ -340,10 +341,10 @@ class _Search:
                 yield cost, place, Difference(MISSING, sympy.S.Zero, wanted)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
-        """Yield each sum with the amounts by which it has to change at the samples; others cannot mend the equation.
+        """Yield each sum whose change can make the equation right, with the necessary change at each sample.
 
-        The residual is a fraction of two functions that are linear in the sum. Its values for the sum itself, twice
-        and three times the sum determine it.
+        The residual is a fraction of two functions that are linear in the sum. Its values for the sum itself, twice and
+        three times the sum determine it.
         """
         left, right = self.row.sides
         zeros = [left - right]
@@ -363,7 +364,7 @@ class _Search:
                 yield place, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for a term whose value has to change by given amounts."""
+        """Yield (cost, difference) for changes of a term, given the necessary `changes` of its value at the samples."""
         if not all(value):
             return
         wanted = [a + b for a, b in zip(value, changes, strict=True)]
@@ -382,7 +383,7 @@ class _Search:
             yield cost + REPLACED - MISSED, Difference(WRONG, term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
-        """Yield (cost, term) for multiples of right terms that have given values at the samples."""
+        """Yield (cost, term) for multiples of right terms whose values at the samples are `values`."""
         for model, line in self.model_values:
             if all(line):
                 for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
@@ -395,7 +396,7 @@ class _Search:
         return list(zip(self.models, self.values(self.models), strict=True))
 
     def _doubt(self, place: Sum, term: Any) -> float:
-        """Return the cost of a change that is added for the part of the equation where it is."""
+        """Return the added cost of a change of `term`, by its place in the equation."""
         if term in self.derived:
             return OF_DERIVATIVE
         if not term.has(*self.unknowns, *self.rates):
@@ -406,7 +407,7 @@ class _Search:
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, place: Sum, wanted: Any) -> float:
-        """Return the cost that is added for a missing term on the less likely side."""
+        """Return the added cost of a missing term on the less likely side of the equation."""
         if place.path:
             return 0.0
         here, there = self.row.sides[place.side], self.row.sides[1 - place.side]
@@ -423,7 +424,7 @@ class _Search:
         return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
 
     def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
-        """Return the equation with a change, None if it is not linear in the unknowns then."""
+        """Return the equation after a change, or None if it is then not linear in the unknowns."""
         sides = list(self.row.sides)
         part = place.whole - difference.there + difference.wanted
         if difference.there == place.whole:
@@ -446,7 +447,7 @@ def _without_float(term: Any) -> Any:
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:
-    """Return the zero x of (a + b*x)/(1 + d*x) by its values at 0, 1 and 2, None if it has none."""
+    """Return the zero x of (a + b*x)/(1 + d*x), given its values at 0, 1 and 2, or None if it has none."""
     if abs(third - second) <= NONE * (abs(third) + abs(second)):
         return None
     d = (2 * second - first - third) / (2 * (third - second))

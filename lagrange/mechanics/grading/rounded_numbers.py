@@ -69,15 +69,18 @@ def _unit(number: Decimal) -> float:
 
 
 def _text(value: Any, digits: int) -> str:
-    """Return a number as a fraction, or as a decimal if it is not one, or one of many digits such as 981/100."""
+    """Return a number as text: a fraction, or a decimal of `digits` digits.
+
+    It is a decimal if it is not a fraction, or one with many digits such as 981/100.
+    """
     return str(value) if value.is_Rational and value.q not in (10, 100, 1000) else f"{float(value):.{digits + 3}g}"
 
 
 def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
     """Return {decimal: exact number}: one step of Newton's method with as many samples as there are decimals.
 
-    Decimals that are exact are left out. The last ones stay as they are if the others determine the equation up to a
-    factor. Raises OutsideDomain if no number is determined.
+    Exact decimals are left out. The last decimals stay as they are if the others determine the equation up to a factor.
+    Raises OutsideDomain if no number is determined.
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
@@ -97,6 +100,6 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
 
 
 def _number(value: Any) -> Any:
-    """Return a number of many digits as a small fraction if it is one."""
+    """Return a number in multiple precision as a small fraction if it equals one, else unchanged."""
     fraction = constant_of([value])
     return sympy.Float(str(value), 30) if fraction is None else sympy.Rational(fraction)

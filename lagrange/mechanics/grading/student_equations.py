@@ -195,9 +195,10 @@ class _EquationReader:
         )
 
     def symbols(self, stated: Any, what: str) -> Any:
-        """Return an expression in the plain symbols of the statement. Parameters are identified by their names.
+        """Return an expression in the plain symbols of the statement.
 
-        Raises StatementError, with the label `what`, for unknown symbols, functions and multipliers.
+        Parameters are identified by their names. Raises StatementError, with the label `what`, for unknown symbols,
+        functions and multipliers.
         """
         survey = Survey()
         survey.add(stated, what, accelerations=True, multipliers=True)
@@ -260,11 +261,8 @@ ZERO = 1e-12
 """Accelerations below this fraction of 1 plus the largest count as zero."""
 
 HELD = 1e-14
-"""Largest residual, relative to the terms, at which an equation holds.
-
-Numbers in it may be results of about 50 operations on doubles. A wrong term passes only if it is smaller than this at
-every state.
-"""
+"""Largest residual, relative to the terms, of an equation that holds. Its numbers may be results of about 50 operations
+on doubles. A wrong term passes only if it is smaller than this at every state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +302,7 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
+        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value at it."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
@@ -359,7 +357,7 @@ def unknowns_of(statement: Statement) -> list[Any]:
 
 
 _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, sympy.Min, sympy.Piecewise)
-"""Functions in the slope of an equation that has a kink or a jump at some acceleration."""
+"""Functions that appear in the slope of an equation if it has a kink or a jump at some acceleration."""
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:

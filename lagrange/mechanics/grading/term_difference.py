@@ -50,7 +50,10 @@ class Difference:
     ratio: Fraction = Fraction(1)
 
     def told(self, product: Any, sign: int, write: Write) -> str:
-        """Return the difference as the end of a sentence. Both parts are multiplied by `product` and by `sign`."""
+        """Return the end of a sentence on the difference.
+
+        Both parts are multiplied by `product` and by `sign` first.
+        """
         there, wanted = (sign * part * product for part in (self.there, self.wanted))
         if self.kind == MISSING:
             return f"the {_kind(wanted)} {write(wanted)} is missing."
@@ -89,7 +92,7 @@ def summands(expression: Any) -> tuple[Any, ...]:
 
 
 def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
-    """Yield the terms of the product of `sums` and the factors `rest`, at most MOST_TERMS + 1 of them."""
+    """Yield the terms of the expanded product of `sums` and the factors `rest`, at most MOST_TERMS + 1 of them."""
     for choice in islice(every_choice(*(total.args for total in sums)), MOST_TERMS + 1):
         yield sympy.Mul(*rest, *choice)
 

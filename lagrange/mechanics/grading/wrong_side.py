@@ -56,7 +56,7 @@ def right_terms(derivation: Derivation) -> list[Any]:
 
 
 def _sharing(terms: Sequence[Any], parameter: Any) -> Any:
-    """Return the sum of the terms with a parameter, such as that of a spring, as a product with a sum."""
+    """Return the sum of all terms with one parameter, such as a spring's stiffness, as a product with a sum."""
     return sympy.factor_terms(sympy.Add(*(term for term in terms if term.has(parameter))))
 
 
@@ -97,7 +97,7 @@ def told_change(change: Change, row: EquationRow, sample: MotionSample, write: W
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
-    """Return the name of the coordinate of which a right equation is, or of the coordinates or the constraint."""
+    """Return the name that a right equation belongs to: its coordinate, its coordinates, or its constraint."""
     names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
     still = not any(row.slopes.values()) and not sample.first_order
     slopes = row.leading(sample)
@@ -119,7 +119,7 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 
 
 def place_of(name: str, row: EquationRow) -> str:
-    """Return the begin of a sentence about an equation, with the name of its coordinate unless the label has it."""
+    """Return the beginning of a sentence about an equation: the name of its coordinate, unless the label has it."""
     return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
 
 
@@ -131,7 +131,7 @@ def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
 
 
 MOST_SHARED = 20
-"""Largest number of terms of an equation of which sums are right terms, too."""
+"""Largest number of terms of an equation whose partial sums are tried as right terms, too."""
 
 LONGEST_SOLVED = 300
 """Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
@@ -141,7 +141,7 @@ LONGEST_FACTOR = 12
 
 
 def _told_factor(factor: Any, write: Write) -> str:
-    """Return the end of a sentence on a side that is a factor times the right one."""
+    """Return the end of a sentence on a side that is the right side times a factor."""
     if factor == -1:
         return "has the wrong sign: it is -1 times what it should be."
     above, below = sympy.fraction(factor)
@@ -153,7 +153,7 @@ def _told_factor(factor: Any, write: Write) -> str:
 
 
 def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if only an expression under a typed d/dt is wrong, else ""."""
+    """Return a sentence if the equation is wrong only in an expression under a typed d/dt; else ""."""
     for typed in dict.fromkeys(row.differentiated):
         check_budget()
         for name, expected in _momenta(derivation, typed):
@@ -167,7 +167,7 @@ def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[M
 
 
 def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (name of a coordinate, its momentum times a constant) that may be meant by a typed expression."""
+    """Yield (name of a coordinate, its momentum times a constant) for momenta that a typed expression may mean."""
     statement = derivation.statement
     try:
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]

@@ -252,7 +252,7 @@ def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[
 
 
 def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
-    """Return a sentence on the first typed term that is not right, with the right term that resembles it most."""
+    """Return a sentence on the first typed term that is wrong, with the most similar right term that is lacking."""
     if not typed:
         return f"{place_of(name, row)} {Difference(MISSING, sympy.S.Zero, lacking[0]).told(sympy.S.One, 1, write)}"
     side, term = typed[0]
