@@ -20,7 +20,7 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 MOST_VALUES = 4096
-"""Most values on an axis: a map with this many on both axes takes 17 million runs."""
+"""Largest number of values on an axis: a map with this many on both axes takes 17 million runs."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,10 @@ def plane_of(statement: Statement, given: Any, what: str, count: int) -> Plane:
 
 
 def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) -> Axis:
-    """Return the axis of an entry of the state with (low, high) or (low, high, count)."""
+    """Return the axis for an entry of the state, `key`, whose `span` is (low, high) or (low, high, count).
+
+    `count` is the default number of values, and `what` names the argument in errors.
+    """
     row = row_of(statement, key, what)
     name = statement.state_names[row]
     low, high, several = range_of(span, f"the range of {name}", count)
@@ -85,7 +88,10 @@ def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) ->
 
 
 def range_of(span: Any, what: str, count: int) -> tuple[float, float, int]:
-    """Return (low, high, count) from a pair or a triple. Raises StatementError for an empty range."""
+    """Return (low, high, count) from a pair or a triple `span`; `count` is the default.
+
+    Raises StatementError, with the name `what`, for an empty range.
+    """
     size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
     if size not in (2, 3):
         raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
@@ -110,7 +116,7 @@ TURN = 2.0 * math.pi
 
 @lru_cache(maxsize=64)
 def angles(statement: Statement) -> tuple[bool, ...]:
-    """Return for each coordinate whether it is an angle: a change by 2 pi leaves the Lagrangian and forces the same.
+    """Return for each coordinate True if it is an angle: a change by 2 pi leaves the Lagrangian and forces unchanged.
 
     An angle also occurs in a sine, cosine or tangent there or in a position. So a coordinate on which nothing depends,
     such as that of a free particle, is not an angle.

@@ -80,7 +80,7 @@ class Crosser:
         return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
 
     def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
-        """Return the status of an orbit, and a message."""
+        """Return the status of an orbit at its end, and a message."""
         if left == 0:
             return Status.EVENT, "all crossings are there."
         if run.status.complete:

@@ -15,14 +15,15 @@ CORRECTIONS = 30
 energies that are not quadratic in the velocity, such as that of a relativistic particle."""
 
 PROBES = (1.0, 1e-3, 1e-6)
-"""Velocities for the coefficients of a quadratic energy; the first is used at which the energy has a value."""
+"""Velocities at which the coefficients of a quadratic energy are computed. The first one is used at which the energy
+has a value."""
 
 CLOSE = 1e-10
 """Largest accepted error of the energy, relative to its size and that of its terms."""
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return a function of states (2n, k) that is positive where some velocity of the row gives the energy, (k,).
+    """Return a function of states (2n, k), positive where some velocity of the row gives the energy, (k,).
 
     For an energy a v^2 + b v + c it is the discriminant b^2 - 4 a (c - energy).
     """

@@ -52,7 +52,7 @@ class EquilibriumBranch:
 
 @dataclass(frozen=True, eq=False)
 class BranchesData:
-    """The branches of equilibria at values (k,) of a parameter; `axis` is the coordinate that is drawn."""
+    """Branches of equilibria at values (k,) of a parameter. `axis` is the coordinate that the picture shows."""
 
     statement: Statement
     parameter: str

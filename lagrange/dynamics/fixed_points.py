@@ -14,7 +14,8 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 
 SAMPLES = 4001
-"""Places on the axis at which the acceleration at rest is evaluated; two zeros closer than that may be missed."""
+"""Number of points on the axis at which the acceleration at rest is evaluated. Two zeros between two points may be
+missed."""
 
 ZERO = 1e-9
 """Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
@@ -23,7 +24,8 @@ FLAT_SLOPE = 1e-6
 """Slope of the acceleration below which an equilibrium is degenerate, relative to its largest value over the range."""
 
 FLAT_FORCE = 1e-10
-"""Acceleration below which a minimum counts as a zero without a change of sign, relative to the largest on the axis."""
+"""Minimum of the acceleration, relative to its largest value on the axis, that counts as a zero without a change of
+sign."""
 
 SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre", "degenerate"
 

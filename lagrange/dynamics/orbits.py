@@ -26,7 +26,8 @@ from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 
 MARGIN = 0.02
-"""Distance outside of the window at which a run ends, as a part of its width: the line then ends out of sight."""
+"""Distance outside of the window at which a run ends, as a fraction of its width. The end of the line is then out of
+sight."""
 
 PERIODS = 20
 """Time for which an orbit is followed, in mean periods of small motions."""
@@ -85,7 +86,7 @@ class PlaneWindow:
         return all(axis.low <= state[axis.row] <= axis.high or self.wraps(axis) for axis in self.plane)
 
     def distance(self, states: States, place: FloatArray) -> FloatArray:
-        """Return the distances of states (k, 2n) from a place (2n,) on the plane, as parts of the window, (k,)."""
+        """Return the distances of states (k, 2n) from a point (2n,) in the plane, as fractions of the window, (k,)."""
         rows = list(self.rows)
         return np.asarray(np.linalg.norm(difference(states, place, self.periodic)[:, rows] / self.widths, axis=1))
 
@@ -174,7 +175,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(given: FloatArray) -> FloatArray:
-        """Return the distance of states beyond the start, along the first piece of the orbit."""
+        """Return how far states are beyond the start of the orbit, along its first piece."""
         moved = difference(given, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 

@@ -44,10 +44,10 @@ SAME = 1e-9
 """Distance below which two equilibria are the same, as a part of the window."""
 
 BESIDE = np.array([0.1, 0.0])
-"""Displacement from an equilibrium at which the motion for the default window begins."""
+"""Displacement in (x, v) from an equilibrium, for the start of the motion that sets the default window."""
 
 MOST_RESTS = 16
-"""Most changes of sign of the force between -1000 and 1000 for which equilibria determine the default window."""
+"""Largest number of sign changes of the force between -1000 and 1000 for which equilibria set the default window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,11 @@ def portrait(
     reach: float | None = None,
     progress: Report | None = None,
 ) -> PortraitData:
-    """Return the portrait of a model on a plane; see `lagrange.phase_portrait`."""
+    """Return the phase portrait of the model of `runs` on the plane `window`.
+
+    `at` fixes the other entries of the state, `starts` are the initial states of orbits or None, `time` is that of the
+    field, and `reach` the longest time of an orbit. `lagrange.phase_portrait` describes the arguments.
+    """
     statement = runs.model.statement
     if statement.constraints:
         raise StatementError(
@@ -260,7 +264,7 @@ def _unvisited(
 
 
 def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
-    """Mark the cells that an orbit crosses, and their neighbours."""
+    """Mark the cells that an orbit crosses, and their neighbours, as taken."""
     for part in passed.parts:
         rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
         for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -268,7 +272,10 @@ def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and columns of the cells of states (k, 2n), from 1 on; outside is a border of one cell."""
+    """Return the rows and columns of the cells of states (k, 2n), from 1 on.
+
+    States outside belong to a border one cell wide.
+    """
     found = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
@@ -282,7 +289,7 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ended(
     work: _Portrait, orbits: Sequence[Orbit], wanted: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and its message."""
+    """Return the status of a portrait, and a message with the number of `wanted` orbits that were finished."""
     statement = work.runs.model.statement
     interrupted = interrupted or any(one.status is Status.INTERRUPTED for one in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
@@ -383,7 +390,7 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
 
 
 def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
-    """Return a range for a coordinate that is not an angle."""
+    """Return the range of a coordinate for the default window, if it is not an angle."""
     model, sizes = runs.model, np.logspace(-3, 3, 1200)
     x = np.concatenate([-sizes[::-1], [0.0], sizes])
     try:

@@ -129,7 +129,7 @@ def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallbac
 
 
 MOST_MULTIPLE = 64
-"""Frequencies are commensurate if their ratios are fractions of whole numbers up to this."""
+"""Largest numerator and denominator of the ratio of two frequencies that count as commensurate."""
 
 
 def depends_on_time(statement: Statement) -> bool:
@@ -145,7 +145,7 @@ def _parts(statement: Statement) -> list[Any]:
 
 @lru_cache(maxsize=64)
 def _rates(statement: Statement) -> tuple[Any, ...]:
-    """Return the frequencies of the sines and cosines of time, as expressions."""
+    """Return the angular frequencies of the sines and cosines of time, as expressions."""
     parts = _parts(statement)
     waves = sorted(
         {

@@ -35,8 +35,8 @@ BORDER_CELLS = 200
 """Cells along each axis for the border of a section."""
 
 BORDER_ROOMS = (0.5, 1.5, 4.0, 10.0, 25.0)
-"""Margins around the points, in parts of their extent, in which the border is searched until it closes. An open border
-is left out."""
+"""Margins around the points, as fractions of their extent, in which the border is searched in turn until it closes. An
+open border is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, in
 
 
 def check_room(shape: Sequence[int]) -> None:
-    """Raise StatementError if states (..., points, 2n) of this shape would take too much memory."""
+    """Raise StatementError if states of this shape (..., points, 2n) would take too much memory."""
     if math.prod(shape) > MOST_NUMBERS:
         raise StatementError(
             f"the states of {math.prod(shape[:-1]):.3g} points, those of skip among them, take "

@@ -168,7 +168,7 @@ def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
 
 
 def _next(found: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
-    """Return the time and the state from which an orbit continues at the next value of the parameter."""
+    """Return the time and the state from which an orbit continues, at the next value of the parameter."""
     if not found.status.complete or not len(found.states):
         return 0.0, start
     # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
@@ -177,7 +177,7 @@ def _next(found: Crossings, start: FloatArray, passed: Event | float, statement:
 
 
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
-    """Return the least p after which every point repeats, (k, m), 0 if there is none.
+    """Return the period (k, m) of each orbit: the least p after which every point repeats, 0 if there is none.
 
     `scale` is a period of small motions, with which velocities are compared to coordinates.
     """

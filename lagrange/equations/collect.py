@@ -12,11 +12,12 @@ from sympy import QQ, Add, Integer, Mul, Rational, S, ring
 from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common_factor
 
 LONGEST_DENOMINATOR = 12
-"""Most terms of a denominator whose common factor with the numerator is searched."""
+"""Largest number of terms of a denominator for which a common factor with the numerator is searched."""
 LARGEST_DEGREE = 5000
-"""Largest product of the degrees, each plus one, in this search: the algorithm makes numbers with this many digits."""
+"""Bound on the cost of this search: the largest product of (degree + 1) over the variables. Its numbers have this many
+digits."""
 LONGEST_SUM = 6
-"""Most terms of a sum in parentheses that is multiplied out, or divided by, on trial."""
+"""Largest number of terms of a sum in parentheses that is expanded, or divided by, on trial."""
 HIGHEST = 3
 """Largest difference of the powers of such a sum in terms that are merged."""
 
@@ -24,7 +25,7 @@ HIGHEST = 3
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
     """Return numerator and denominator without their common factor; factors of the algebra count as variables.
 
-    `below` must have no factor that all its terms share.
+    No factor may divide all terms of `below`.
     """
     variables = _Variables([above, below])
     parts = _parts(above, below)
@@ -63,9 +64,10 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
-    """Return True if merging terms by factor k may shorten the sum.
+    """Return True if merging terms by factor `k` may shorten the sum.
 
-    The factor is a sum with the exponents found in `terms`: they differ, one is whole, or there are enough such terms.
+    The factor is a sum in parentheses with different exponents in `terms`: one is whole, or there are enough such
+    terms.
     """
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
@@ -73,7 +75,7 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Merge terms that differ only in the power of factor k, or of its symbols, where the sum becomes shorter."""
+    """Merge terms that differ only in the power of factor `k`, or of its symbols, if the sum becomes shorter."""
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():
@@ -126,9 +128,10 @@ def _joined(left: Monomial, right: Monomial) -> Monomial:
 
 
 class _Variables:
-    """Sums as polynomials: one variable for each factor, or for its root if it has fractional exponents.
+    """Translates sums into polynomials and back.
 
-    The lowest power of each factor is taken out first, in all sums alike, so that no exponent is negative.
+    Each factor is a variable; a factor with fractional exponents is the power of one. The lowest power of each factor
+    is taken out first, in all sums alike, so that no exponent is negative.
     """
 
     def __init__(self, sums: Sequence[MonomialSum]) -> None:
@@ -142,7 +145,7 @@ class _Variables:
 
     @property
     def degree(self) -> int:
-        """The product of the degrees in each variable, plus one."""
+        """Product over the variables of the largest degree plus one."""
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
@@ -173,7 +176,7 @@ FACTORED_TERMS = 16
 WORTHWHILE = 0.75
 """A factored coefficient replaces its expanded form if it has at most this fraction of its operations."""
 WRITING = 5
-"""Cost of writing a term, in monomials of the algebra's budget, in addition to the size of its factors."""
+"""Cost of writing a term, in units of the algebra's budget (monomials), besides the size of its factors."""
 LONGER_SUM = 1.4
 """A quotient stays a sum of quotients up to this many times the operations of a single fraction."""
 
@@ -263,7 +266,10 @@ class Collector:
         return Mul(expanded, motion)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return number, monomial and rest. Multiply them at once: SymPy distributes a number over a single sum."""
+        """Return number, monomial and rest of a sum.
+
+        Multiply them in one call: SymPy distributes a number over a single sum.
+        """
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
         if len(rest) == 2 and written.could_extract_minus_sign():

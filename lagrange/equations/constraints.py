@@ -21,7 +21,7 @@ from lagrange.graph.rebuild import substitute
 from lagrange.statement.statement import Constraint
 
 ROUND_OFF = 1e-12
-"""A value counts as zero below this fraction of its terms."""
+"""Rounding threshold: values below this fraction of their terms count as zero."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
 """Decisions on whether laws are independent of time, coordinates or velocities: proven, disproven, or undecided.
 
-A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So three tests follow
-each other. A symbol that does not appear settles it. Else derivatives are evaluated at random states in many digits: a
-value other than zero disproves. Values of zero are proven by algebra, or the question stays undecided.
-The degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
+A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So there are three
+tests, in this order. A law is independent of a symbol that does not appear in it. Else derivatives are evaluated at
+random states in many digits: a value other than zero disproves. Values of zero are proven by algebra, or the question
+stays undecided. The degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ MOST_TURNING = 4
 
 DIGITS = 30
 ZERO = sympy.Float("1e-15", DIGITS)
-"""Differences below this fraction of the numbers, which have 30 digits, count as rounding."""
+"""Rounding threshold: smaller differences, relative to the numbers compared, count as zero. The numbers have 30
+digits."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
@@ -58,9 +59,9 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 
 
 def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
-    """Return True if v.p - L is seen to differ from T + V: T, or L stated alone, has the terms of a rotating frame.
+    """Return True if the form of T, or of L stated alone, shows that v.p - L differs from T + V.
 
-    Raises TooLargeError for a Lagrangian that is too long.
+    It then has the terms of a rotating frame. Raises TooLargeError for a Lagrangian that is too long.
     """
     if visibly_homogeneous(statement):
         return False
@@ -138,13 +139,13 @@ CONTEXT = precise(50)
 STEP = "1e-15"
 """Step of the central difference in time: its error is some 1e-30 of the function."""
 ZERO_SHARE = CONTEXT.mpf("1e-20")
-"""A value is not zero above this fraction of the largest number that it is computed from."""
+"""A value differs from zero if it exceeds this fraction of the largest number from which it is computed."""
 SAMPLES = 3
 """Number of states at which laws are evaluated."""
 DRAWS = 24
 """Most states that are drawn for the samples: at some an expression has no value."""
 MOST_HELD = 16
-"""Most constraints for which a state on them is searched: that takes a second for 16."""
+"""Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
 CORRECTIONS = 40
 """Most Newton steps onto the constraints; each doubles the digits near them."""
 
@@ -156,7 +157,7 @@ Values = dict[Node, Any]
 
 @dataclass(frozen=True, eq=False)
 class StatedLaws:
-    """Nodes of the laws that are tested: `extra` is Q - dD/dv, `forces` dL/dq + extra, and M a = `bias`."""
+    """Expressions of the laws as graph nodes: `extra` is Q - dD/dv, `forces` is dL/dq + extra, and M a = `bias`."""
 
     q: tuple[Node, ...]
     v: tuple[Node, ...]
@@ -313,7 +314,7 @@ class Decisions:
         return points
 
     def _drawn(self) -> Iterator[Values]:
-        """Yield random points, alternately of order one and near the initial state with the default parameters."""
+        """Yield random points: in turn of order one, and near the initial state with the default parameters."""
         statement, laws, draw = self.statement, self.laws, random.Random(1)
         state = (*laws.q, *laws.v)
         for k in range(DRAWS):
@@ -329,12 +330,15 @@ class Decisions:
             yield {node: CONTEXT.mpf(value) for node, value in point.items()}
 
     def _time_slope(self, point: Values) -> bool | None:
-        """Return True if dL/dt differs from zero at a point; None if it has no value there."""
+        """Return True if dL/dt is not zero at a point; None if it has no value there."""
         rate = self._rate(self.laws.lagrangian, point)
         return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
-        """Return the partial time derivative, a central difference, and the size of its terms; None without values."""
+        """Return the partial time derivative of a node, by a central difference, and the size of its terms.
+
+        The result is None if the node has no value.
+        """
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
         if ahead is None or behind is None:
@@ -351,19 +355,19 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _pushes(self, point: Values) -> bool | None:
-        """Return True if M a changes when the velocities change; None without values."""
+        """Return True if M a changes with the velocities at a point; None without values."""
         other = {**point, **{v: point[v] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for v in self.laws.v}}
         return self._differ(self.laws.bias, point, other)
 
     def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
-        """Return True if nodes change when positions and time change, and with `velocities` these too."""
+        """Return True if nodes change with positions and time, and with `velocities` also with the velocities."""
         laws = self.laws
         moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
         other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
         return self._differ(nodes, point, other)
 
     def _differ(self, nodes: Sequence[Node], point: Values, other: Values) -> bool | None:
-        """Return True if nodes have other values at another point; None without values."""
+        """Return True if some node has another value at another point; None without values."""
         ends = [values(nodes, at, CONTEXT) for at in (point, other)]
         if ends[0] is None or ends[1] is None:
             return None
@@ -371,14 +375,17 @@ class Decisions:
         return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(ends[0][0], ends[1][0], strict=True))
 
     def _powerless_on_constraints(self) -> Verdict:
-        """Return False if the power differs from zero at a state that the constraints allow, else None."""
+        """Return False if the power is not zero at a state that satisfies the constraints, else None."""
         if len(self.laws.constraints) > MOST_HELD:
             return None
         states = (self._held(point) for point in self._points)
         return False if any(self._power(state) for state in states if state is not None) else None
 
     def _held(self, point: Values) -> Values | None:
-        """Return a nearby point that satisfies the constraints: positions are corrected first, then velocities."""
+        """Return a point near the given one that satisfies the constraints.
+
+        Positions are corrected first, then velocities.
+        """
         laws, held = self.laws, self.laws.constraints
         places = [i for i, phi in enumerate(held.positions) if phi is not None]
         for rows, symbols, nodes in (
@@ -392,7 +399,7 @@ class Decisions:
         return point
 
     def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
-        """Return the point with some of its symbols moved by Newton's method until the constraints hold."""
+        """Return the point with some of its symbols corrected by Newton's method until the constraints hold."""
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
         for _ in range(CORRECTIONS if zeros else 0):
             evaluated = values([*zeros, *gradient], point, CONTEXT)
@@ -459,7 +466,7 @@ class Decisions:
         return self._still(stated, sides, stated.v)
 
     def _still(self, stated: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
-        """Return True if the parts are proven not to depend on the symbols."""
+        """Return True if it is proven that the parts do not depend on the symbols."""
         slopes = (stated.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
         return not stated.jumps(*symbols, twice=True) and all(_vanishes(stated, slope) for slope in slopes)
 

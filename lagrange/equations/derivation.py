@@ -37,7 +37,7 @@ from lagrange.statement.statement import Statement
 Part = TypeVar("Part")
 
 STATED = 200
-"""Most operations of an L whose stated form is differentiated too. SymPy needs some 0.1 ms for each."""
+"""Largest number of operations of an L that is differentiated also in its stated form: SymPy takes 0.1 ms for each."""
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
 """Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
@@ -238,7 +238,10 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if the energy is T + V: T is of degree two in the velocities, and V has none. False for a long L."""
+        """True if the energy is T + V: T has degree two in the velocities, and V does not contain them.
+
+        False for a long L.
+        """
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -297,9 +300,9 @@ def _shorter(collected: Any, stated: Any) -> Any:
 
 
 def _length(form: Any) -> tuple[int, int]:
-    """Return the number of operations and that of terms. A common denominator counts once more for each term it is in.
+    """Return the number of operations and the number of terms.
 
-    So I/R**2 + m is shorter than (I + m*R**2)/R**2.
+    A common denominator counts once more for each term it is in. So I/R**2 + m is shorter than (I + m*R**2)/R**2.
     """
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]

@@ -148,7 +148,10 @@ def first_order_coordinates(
 
 
 def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return p, f and h with zeros for the chosen coordinates, whose equations are stated as relations instead."""
+    """Return p, f and h with zeros for the chosen coordinates.
+
+    Their equations are stated as relations between velocities instead.
+    """
 
     def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(entry.graph.zero if i in chosen else entry for i, entry in enumerate(entries))
@@ -157,7 +160,7 @@ def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
 
 
 def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
-    """Return the mass matrix with ones on the diagonal for the chosen coordinates, to test the rank of the others."""
+    """Return the mass matrix with ones on the diagonal for the chosen coordinates, to test the rank of the rest."""
     return [
         [entry.graph.one if i == j and i in chosen else entry for j, entry in enumerate(row)]
         for i, row in enumerate(mass)
@@ -272,7 +275,7 @@ class Equations:
 
     @property
     def solution(self) -> tuple[Node, ...]:
-        """Unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
+        """Symbols of the unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:

@@ -26,15 +26,13 @@ from lagrange.statement.coordinate import check_multipliers, constraint_of, mult
 from lagrange.statement.statement import REFUSE, Statement
 
 MOST_OPERATIONS = 20_000_000
-"""Largest number of operations of the multipliers, written out without shared parts.
-
-SymPy shares parts of expressions, but compares them part by part in a time that grows with this number. A chain of ten
-links on a rough rail compiles in 10 s; each link more doubles that.
-"""
+"""Largest number of operations of the multipliers, counted without sharing. SymPy shares parts of expressions but
+compares them one by one, in a time that grows with this number. A chain of ten links on a rough rail compiles in 10 s;
+each further link doubles that."""
 
 
 def with_solved_multipliers(statement: Statement) -> Statement:
-    """Return the statement with the multipliers in its forces as functions of the state.
+    """Return the statement with each multiplier in its forces replaced by a function of the state.
 
     A statement without such forces is returned unchanged. Raises StatementError for multipliers of unknown constraints,
     for forces that are not linear in them, for redundant constraints, for coordinates without inertia, and if the
@@ -64,7 +62,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
 
 
 def _written_out(nodes: Sequence[Node]) -> int:
-    """Return the number of operations of formulas without shared parts. Each node is counted as often as it is used."""
+    """Return the number of operations of formulas, counted without sharing: a node counts as often as it is used."""
     sizes: dict[Node, int] = {}
     for node in reachable(nodes):
         sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)

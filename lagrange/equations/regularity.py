@@ -36,7 +36,7 @@ POINTS = 8
 """Number of random states at which the rank is tested, beside the initial state. One regular state is enough."""
 
 ROUND_OFF = 1e-12
-"""A value counts as zero if it is below this fraction of its terms."""
+"""Rounding threshold: values below this fraction of their terms count as zero."""
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
 """Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
@@ -170,7 +170,7 @@ def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """The states and parameters at which regularity is tested."""
+    """Random states and parameters at which regularity is tested."""
 
     equations: Equations
     statement: Statement | None
@@ -225,7 +225,7 @@ class Tried:
 def _check_empty(
     names: Sequence[str], gradient: FloatArray, sizes: FloatArray, values: FloatArray, terms: FloatArray
 ) -> None:
-    """Raise StatementError for a constraint whose derivatives by the velocities vanish at every state with values.
+    """Raise StatementError for a constraint whose derivatives by the velocities are zero at all states with values.
 
     `gradient` has these derivatives and `sizes` the sizes of their terms, (m, n, states). `values` and `terms` are the
     same of the constraints, (m, states).

@@ -44,7 +44,7 @@ MOST_NAMED = 8
 
 
 class Provider(Protocol):
-    """A source of functions for a few states: a model, or an object with its kernels."""
+    """A source of compiled or interpreted functions for a few states: a model, or an object with its kernels."""
 
     def interpreted(self, name: str) -> Values:
         """Return the quantity of that name, such as "mass_matrix"."""
@@ -75,7 +75,7 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return A_ij / (s_i s_j); the product of two scales may be too small for a double."""
+    """Return A_ij / (s_i s_j), one division after the other: the product of two scales may underflow."""
     return np.asarray(matrix / scale[:, None] / scale)
 
 
@@ -116,7 +116,7 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of rows that is nearest to zero; with `alike` rows are normalised first."""
+    """Return the combination of the rows `held` that is nearest to zero. With `alike` each row is normalised first."""
     sizes = np.sqrt((held**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
     left, values, _ = np.linalg.svd(held / units[:, None])
@@ -170,7 +170,7 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 
 
 def dependent_rows(names: Sequence[str], found: Singular) -> str:
-    """Return the beginning of a sentence that names the dependent constraints."""
+    """Return the beginning of a sentence with the names of dependent constraints."""
     related = [names[i].removeprefix(RELATION) for i, _ in found.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
@@ -190,7 +190,7 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 
 
 def few(parts: list[str]) -> str:
-    """Return the parts of a list in one line, at most `MOST_NAMED`, then "and so on"."""
+    """Return parts of a sentence as a list in one line: at most `MOST_NAMED`, then "and so on"."""
     return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])
 
 

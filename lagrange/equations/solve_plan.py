@@ -79,7 +79,7 @@ def _minor(
 
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
-    """Return True if the determinant is zero at a generic point, in 50 digits."""
+    """Return True if the determinant is zero at a generic point, computed in 50 digits."""
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
     with mpmath.workdps(50):
         numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
@@ -88,14 +88,14 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def value_somewhere(expression: Any) -> float:
-    """Return the value of an expression where its symbols have distinct arbitrary values."""
+    """Return the value of an expression with distinct arbitrary numbers for its symbols."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(distinct_values(sorted(plain.free_symbols, key=str))), 30))
 
 
 def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
-    """Return different positive rational numbers of order one for symbols, in their order, without simple relations."""
+    """Return a different positive rational number of order one for each symbol, without simple relations."""
     ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
@@ -183,7 +183,7 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns by distance from `root`; in each level those with few neighbours come first."""
+    """Return the unknowns in levels by distance from `root`; in each level those with few neighbours come first."""
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []

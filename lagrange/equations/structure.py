@@ -192,7 +192,7 @@ def find_structure(
 
 
 def _is_brief(node: Node) -> bool:
-    """Return True if a function of time, such as exp or 1/t, may be near zero except for a moment."""
+    """Return True if a function of time, such as exp or 1/t, may differ from zero only for a moment."""
     if node.kind is Kind.CALL:
         return node.data not in ("sin", "cos")
     return node.kind is Kind.POWER and not (isinstance(node.data, int) and node.data > 0)

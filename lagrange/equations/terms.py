@@ -21,7 +21,10 @@ ONE: Monomial = ()
 
 
 def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
-    """Multiply a monomial, a dict of exponents by factor, by a power of a factor in place; whole exponents are ints."""
+    """Multiply a monomial (a dict of exponents by factor) by a power of a factor, in place.
+
+    Whole exponents are ints.
+    """
     total = powers.get(factor, 0) + by
     if total == 0:
         del powers[factor]
@@ -166,7 +169,7 @@ class Algebra:
         return Add(*(Mul(number, self.power(monomial)) for monomial, number in terms.items()))
 
     def power(self, monomial: Monomial) -> Any:
-        """Return the SymPy product of a monomial."""
+        """Return a monomial as a SymPy product."""
         return Mul(*(Pow(self.factors[k], e) for k, e in monomial))
 
     def size(self, monomial: Monomial) -> int:
@@ -249,9 +252,9 @@ class Algebra:
         return result
 
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum after sin^2 + cos^2 = 1 and addition theorems, wherever they shorten it or lower its degree.
+        """Return the sum after sin^2 + cos^2 = 1 and addition theorems, where these shorten it or lower its degree.
 
-        The loop ends: every replacement lowers the number of terms, or keeps it and lowers the degree.
+        The loop ends, because every replacement lowers the number of terms, or keeps it and lowers the degree.
         """
         terms = dict(terms)
         changed = True
@@ -414,7 +417,10 @@ class Algebra:
         return {joined: scale * number**exponent}
 
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
-        """Return a sum as (common factor, rest), so that 1/(2 x - 2 y) and 1/(y - x) have one factor."""
+        """Return a sum as (common factor, rest).
+
+        Sums that differ by a factor get the same rest: 1/(2 x - 2 y) and 1/(y - x) have one.
+        """
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)
         if inside.could_extract_minus_sign():
@@ -423,7 +429,10 @@ class Algebra:
         return {monomial: number}, stated if as_stated else inside
 
     def _tidy(self, expression: Any) -> Any:
-        """Return the argument of a root or function, if shorter merged and with its common factor taken out."""
+        """Return the argument of a root or function.
+
+        It is merged, with its common factor taken out, if that is shorter.
+        """
         if not isinstance(expression, Expr) or not expression.is_Add:
             return expression
         number, monomial, rest = common_factor(self.merge_angles(self.read(expression)))

@@ -34,7 +34,7 @@ from lagrange.statement.coordinate import acceleration_of, name_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
-"""Functions that may jump, or whose derivatives may jump, while the derivatives next to the jump are zero."""
+"""Functions with jumps in their values or derivatives. Their derivatives are zero beside a jump and do not show it."""
 
 
 class StatedAlgebra:
@@ -116,12 +116,13 @@ class StatedAlgebra:
 BUDGET = 300_000
 """Most monomials of one part: 3 to 4 s. The equations of a 30-link chain take 200,000."""
 EXPANDED_BLOCK = 3
-"""Most coupled coordinates that are solved with the determinants multiplied out and merged."""
+"""Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
 """The same for accelerations and multipliers of one block: half of their matrix is zero, and other terms often cancel.
 Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested ones."""
 EXPANDED_TERMS = 10_000
-"""Most monomials for multiplying out: 0.1 s. Beyond it the formulas stay nested. Three links need 2,000."""
+"""Largest number of monomials of an expanded solution: 0.1 s. Beyond it the formulas stay nested. Three links need
+2,000."""
 LONGEST_FORMULA = 20_000
 """Most operations in one acceleration: some 50 printed pages."""
 LONGEST_SLOPES = 5_500
@@ -159,7 +160,10 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def pulls(self) -> list[MonomialSum]:
-        """dL/dq for each coordinate; for a turn the derivative of L along it plus p x (rates), about its axis."""
+        """Generalized forces dL/dq, for each coordinate.
+
+        For a turn: the derivative of L along it, plus p x (rates), about its axis.
+        """
         self.require_short_slopes()
         slopes = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
         for turn in self.turns:
@@ -198,7 +202,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def slope_operations(self) -> int:
-        """The operations inside dL/dq: those of each term of L, once for each coordinate that it depends on."""
+        """Number of operations in dL/dq: those of each term of L, counted for each coordinate that it contains."""
         algebra, coordinates = self.algebra, frozenset(self.q)
 
         def count(monomial: Monomial) -> int:
@@ -208,7 +212,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def drags(self) -> list[MonomialSum]:
-        """dD/dv, for each coordinate."""
+        """Derivatives dD/dv of the dissipation, for each coordinate."""
         dissipation = self.read(self.statement.dissipation)
         return [self.algebra.merge_angles(self.algebra.differentiate(dissipation, v)) for v in self.v]
 
@@ -219,7 +223,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def remainders(self) -> list[MonomialSum]:
-        """Terms on the left other than M a: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
+        """Terms besides M a on the left side, (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
         algebra = self.algebra
         return [
             algebra.merge_angles(algebra.add({}, drift, algebra.scale(pull, S.NegativeOne), drag))
@@ -236,7 +240,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate in the stated symbols, each acceleration with one factor."""
+        """Return M a + rest for each coordinate, in the stated symbols, with a single factor for each acceleration."""
         return [
             self.finish(
                 sympy.Add(
@@ -280,7 +284,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
-        """The right sides h without multipliers, and the rows of B, their derivatives by the multipliers."""
+        """Right sides h without multipliers, and the rows of B: the derivatives of h by the multipliers."""
         algebra, symbols = self.algebra, [constraint.multiplier for constraint in self.statement.constraints]
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
@@ -374,7 +378,7 @@ class TextbookAlgebra(StatedAlgebra):
         return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
-        """Return parts by the coordinate that they belong to."""
+        """Return parts as a dict by coordinate."""
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
 
 
@@ -451,7 +455,7 @@ def _composite(factor: Any) -> bool:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return the product times a factor to a power of at least zero; a factor that is a sum is multiplied out."""
+    """Return the product times a factor `k` with an exponent of at least zero; a factor that is a sum is expanded."""
     factor = algebra.factors[k]
     if not exponent:
         return product
@@ -486,7 +490,7 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return the smallest part of each kind of angle: all of the arguments have whole multiples of it."""
+    """Return for each kind of angle its smallest part, of which all the arguments are whole multiples."""
     shares: dict[Any, list[Any]] = {}
     for argument in arguments:
         for part in sympy.Add.make_args(argument.expand()):
@@ -500,7 +504,7 @@ def _units(arguments: list[Any]) -> dict[Any, Any]:
 
 
 def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
-    """Return a function of an angle in sines and cosines of the smallest parts.
+    """Return a sine or cosine of an angle in terms of sines and cosines of the smallest parts.
 
     The cosine of N x is a polynomial of degree N, made in about N^2 operations. The number of terms of a cosine of a
     sum is the product of those of its parts. Both costs are subtracted from the budget in advance.
@@ -522,7 +526,7 @@ def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
 
 
 def _polynomial(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with even powers of sines in cosines, and those of hyperbolic cosines in hyperbolic sines."""
+    """Return the sum with even powers of sines written in cosines, and of hyperbolic cosines in hyperbolic sines."""
     result: MonomialSum = {}
     for monomial, number in terms.items():
         product: MonomialSum = {ONE: number}

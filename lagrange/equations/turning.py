@@ -87,19 +87,20 @@ class _Body:
         self.starts = dict(zip((*self.w, *self.entries), (*rates, *chain(*matrix_of(q))), strict=True))
         slopes = [-half * (rate + size * excess * x) for rate, x in zip(self.spun, q, strict=True)]
         self.slopes = substitute(slopes, self.starts)
-        """Derivatives of the quaternion at the start of a step, with a part that takes its length to one."""
+        """Derivatives of the quaternion at the start of a step, with a term that corrects its length to one."""
         self.pulls = [-(size * stretch / square * x) for x in q]
-        """Accelerations at the start of a step that take the change of its length from the velocities."""
+        """Accelerations at the start of a step: they remove from the velocities the change of the quaternion's
+        length."""
         x, y, z = columns = [self.entries[k::3] for k in range(3)]
         changes = ({1: z, 2: [-e for e in y]}, {0: [-e for e in z], 2: x}, {0: y, 1: [-e for e in x]})
         self.turns = [
             {e: moved for k, column in change.items() for e, moved in zip(columns[k], column, strict=True)}
             for change in changes
         ]
-        """The changes of entries by small turns about each axis of the body; others stay."""
+        """Changes of the entries of R by a small turn about each axis of the body; other symbols do not change."""
 
     def rates(self) -> dict[Node, Node]:
-        """Return the derivatives of the entries."""
+        """Return the time derivatives of the entries of R."""
         zero = self.w[0].graph.zero
         pairs = list(zip(self.w, self.turns, strict=True))
         return {e: sum((w * turn.get(e, zero) for w, turn in pairs), zero) for e in self.entries}
@@ -111,9 +112,10 @@ class _Body:
 
 
 def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> Turning | None:
-    """Return the equations in rates of a statement, None if it has constraints, or no reading in turns.
+    """Return the equations of a statement in rates of bodies.
 
-    `leaves` maps coordinates, velocities, time and parameters to nodes of the graph.
+    The result is None for a statement with constraints, or that cannot be read in turns. `leaves` maps coordinates,
+    velocities, time and parameters to nodes of the graph.
     """
     read = statement.reading
     if read is None or read.constraints:

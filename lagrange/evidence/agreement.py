@@ -1,4 +1,4 @@
-"""One test for every formula: values at random states, until enough of them have been judged."""
+"""Test of a formula: compare it with compiled numbers at random states, until enough states had values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEAR_INITIAL = (SAMPLE_KINDS[3],)
 """States near the initial one, where a formula may hold that holds on one branch alone."""
 
 PLACES = 2
-"""Number of random states at which a formula is compared: a wrong one agrees with probability zero."""
+"""Number of random states at which a formula is compared. A wrong formula agrees at one with probability zero."""
 
 LARGEST_ERROR = 1e-8
 """Largest difference, relative to the largest number compared. Cancellation costs some digits, a wrong term all."""
@@ -41,7 +41,7 @@ def random_points(
 
 
 def usable(places: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
-    """Yield the values of a function at places, without those places at which it returns None."""
+    """Yield the values of a function at places; places at which it returns None are skipped."""
     return (result for result in map(value, places) if result is not None)
 
 

@@ -206,7 +206,7 @@ class _Session:
         return [(start + i) % width for i in range(share)]
 
     def _columns_left(self) -> list[str]:
-        """Return a note on columns of the Jacobian that no point has checked; empty if all are checked."""
+        """Return a note on the columns of the Jacobian that no point has checked; empty if there are none."""
         width, share = len(self.statement.state_names), len(self._columns())
         checked = share * len(self.used)
         if checked >= width:

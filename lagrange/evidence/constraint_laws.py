@@ -27,7 +27,7 @@ class StatedConstraints:
 
     @staticmethod
     def alike(values: StateFunction, holonomic: tuple[bool, ...]) -> StatedConstraints:
-        """Return constraints with the same function for G and for the rates."""
+        """Return constraints that use the same function for G and for the rates."""
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
@@ -164,7 +164,7 @@ class ConstraintSurface:
         return places, self._corrected(rates, on_velocities)
 
     def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
-        """Return x after Newton corrections -G^T z with G G^T z = residual, repeated until they are rounding.
+        """Return x after Newton corrections -G^T z with G G^T z = residual, until the corrections are rounding errors.
 
         `at(x)` returns the residual and the rows of G.
         """

@@ -26,7 +26,7 @@ from lagrange.statement.statement import Statement
 
 Numbers = list[Any]
 Row = dict[int, Any]
-"""The nonzero numbers of a vector by index. A sparse matrix is a list of its rows, since those of nets are short."""
+"""Nonzero entries of a row, by column. A sparse matrix is a list of rows."""
 
 
 class Estimate(NamedTuple):
@@ -126,7 +126,7 @@ def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[A
 
 
 def _by(variables: Sequence[Any], terms: Sequence[tuple[Any, frozenset[Any]]]) -> list[Any]:
-    """Return for each variable the sum of the terms that contain it."""
+    """Return for each variable the sum of all terms that contain it."""
     parts: dict[Any, list[Any]] = {variable: [] for variable in variables}
     for term, moving in terms:
         for variable in moving & parts.keys():
@@ -149,7 +149,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1, the factor without a perturbation."""
+    """Return 1: the factor of a term without a perturbation."""
     return 1
 
 

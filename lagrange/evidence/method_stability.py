@@ -28,7 +28,7 @@ GROWTH_TOLERANCE = 1e-9
 """Growth per step that counts as rounding: eigenvalues of matrices that are not normal lose some digits."""
 
 SEEN = 1e-13
-"""Smallest growth per step that exceeds the rounding of the matrix and of its eigenvalues, for small steps."""
+"""Growth per step that is visible above the rounding errors of the matrix and of its eigenvalues, for small steps."""
 
 LARGEST_EXTENT, BISECTIONS = 1e4, 60
 """Largest stable interval that is searched, in units of 1/step, and the number of bisections for its end."""
@@ -77,7 +77,10 @@ class _Map:
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
-        """Return the matrix of the step, (Z, m, m). For a two-step method the state is [new state, previous state]."""
+        """Return the matrix of a whole step, (Z, m, m).
+
+        For a two-step method the state is [new state, previous state].
+        """
         for action in self.step.actions:
             if isinstance(action, LawCall):
                 self.call(action)

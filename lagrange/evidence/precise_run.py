@@ -32,7 +32,7 @@ from lagrange.statement.statement import Statement
 
 
 class NoValue(ArithmeticError):
-    """An operation without a real, finite value."""
+    """Raised if an operation has no real, finite value."""
 
 
 VANISHING = 1e-16
@@ -50,7 +50,10 @@ def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequenc
 
 
 class _Evaluation:
-    """One evaluation: numbers, conditions, and lists of numbers for factors and solutions."""
+    """Interpreter of one evaluation of a program.
+
+    Its values are numbers, conditions, and lists of numbers for factors and solutions.
+    """
 
     def __init__(self, program: Program, context: Any) -> None:
         self.program, self.context = program, context
@@ -230,13 +233,14 @@ LARGEST_GROWTH = 2.0
 """Largest ratio of the lengths of an interval and the previous one."""
 
 AGREED = 1e-9
-"""Relative change at which the iteration in doubles has converged; also the first guess of its contraction rate."""
+"""The iteration in doubles has converged if its relative change is below this. It is also the first guess of its
+contraction rate."""
 
 SWEEPS = 10
 """Largest number of iterations for an interval. Two or three suffice unless the interval is too long."""
 
 WORTHWHILE = 0.1
-"""Largest contraction rate of the corrections; if it is exceeded, the interval is too long."""
+"""Largest contraction rate of the corrections. A larger one means that the interval is too long."""
 
 SLACK = 100.0
 """Factor by which the last coefficients of the series of the accelerations may exceed their expected size."""
@@ -324,7 +328,7 @@ class _TooLong(Exception):
 
 
 class _PreciseRun:
-    """One run: its laws, its rule, its time limit and the length of its next interval."""
+    """One run in multiple precision: its laws, its quadrature rule, its time limit and its next interval's length."""
 
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
@@ -457,7 +461,7 @@ class _PreciseRun:
         raise _TooLong
 
     def _solver(self, guess: _Interval) -> tuple[FloatArray, list[Numbers]]:
-        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point in doubles, and first multipliers.
+        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point in doubles, and guesses of the multipliers.
 
         The multipliers are then corrected to all digits together with the accelerations.
         """
@@ -501,7 +505,7 @@ class _PreciseRun:
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of mpmath numbers plus an array of doubles."""
+    """Return rows of mpmath numbers, to which an array of doubles is added."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 

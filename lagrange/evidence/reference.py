@@ -275,7 +275,7 @@ class Reference:
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return the numbers of each quantity by place. Zeros of mass_matrix and jacobian may be absent."""
+        """Return the entries of each quantity by index. Zeros of mass_matrix and jacobian may be absent."""
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
@@ -387,7 +387,7 @@ def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nu
 
 
 def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:
-    """Return a list of `length` numbers with `numbers` at `places`, and zeros elsewhere."""
+    """Return a list of `length` numbers: `numbers` at the indices `places`, and zeros elsewhere."""
     whole = [0] * length
     for place, number in zip(places, numbers, strict=True):
         whole[place] = number
@@ -422,7 +422,7 @@ class _Perturbed:
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return `make(program, other)` for each pair (program, other), called once for each distinct program."""
+    """Return `make(program, other)` for each pair of programs. It is called once for each distinct program."""
     results: dict[Precise, Any] = {}
     listed = []
     for tape, other in pairs:

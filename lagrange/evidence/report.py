@@ -189,7 +189,7 @@ seeds each, it was 4e-15.
 """
 
 TINY = 1e-290
-"""Absolute error that is always accepted: smaller doubles have fewer digits."""
+"""Absolute error that is always accepted: smaller doubles lose digits, as subnormal numbers do."""
 
 LANES = 11
 """Number of states in a batch that is compared with single evaluations: more than a vector's width, and odd."""
@@ -197,7 +197,7 @@ LANES = 11
 
 @dataclass
 class _Tally:
-    """The largest error of one quantity, and where it occurred; -1 if nothing was compared."""
+    """Largest error of one quantity so far, and where it occurred; -1 if nothing was compared."""
 
     error: float = -1.0
     entry: str = "-"
@@ -348,6 +348,6 @@ def _evaluate(
 
 
 def _beside(point: SamplePoint, shift: float) -> SamplePoint:
-    """Return a point with a relative shift, so that the lanes of a batch differ."""
+    """Return a copy of a point with a small relative shift, so that the states of a batch differ."""
     q, v = (tuple(x * (1.0 + shift) for x in values) for values in (point.q, point.v))
     return SamplePoint(q, v, point.t * (1.0 + shift), point.parameters, point.kind)

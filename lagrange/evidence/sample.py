@@ -39,7 +39,7 @@ EXTREME = math.log(1e100)
 """Logarithm of the largest size. Sizes stay within 1e-100 and 1e100, so that their squares are doubles."""
 
 Form = dict[Any, float]
-"""A monomial: powers of its symbols, and under `UNIT` the logarithm of its coefficient."""
+"""A monomial as a dict: the power of each symbol, and under `UNIT` the logarithm of the coefficient."""
 
 UNIT = sympy.S.One
 
@@ -173,7 +173,7 @@ class _Solution:
                     fresh += self._last(k)
 
     def _last(self, k: int) -> list[int]:
-        """Compute the size of the last unknown of a row and return this unknown, alone; nothing if it is known."""
+        """Compute the size of the only unknown that is left in a row, and return it in a list; empty if it is known."""
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:
@@ -322,7 +322,7 @@ class Sampler:
         return state[: len(moves[0])], state[len(moves[0]) :]
 
     def _within(self, t: float) -> float:
-        """Return t if the functions of time are defined there, else a time within their span."""
+        """Return t if the given functions of time are defined there, else a time within their span."""
         first, last = self.statement.span
         return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 

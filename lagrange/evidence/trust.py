@@ -26,16 +26,14 @@ DIGITS = 22
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 
 APART = 4
-"""Number of digits by which the second run, which gives the error bound, has fewer than the reference.
-
-Fewer digits change its intervals, the points on them and the steps of its differences.
-"""
+"""Number of digits that the second run has fewer than the reference. Their difference is the error bound: fewer digits
+change the intervals, the points in them and the steps of the differences."""
 
 LONGEST = 180.0
 """Time limit of each run in multiple precision, in seconds."""
 
 TIGHTEST = 1e-13
-"""Tolerance of the second run that a reference by a method is compared with."""
+"""Relative tolerance of the second run, with which a reference computed by a method is compared."""
 
 
 @dataclass(frozen=True, eq=False)

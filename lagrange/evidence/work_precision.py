@@ -237,7 +237,7 @@ class _Measurements:
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
         """Return a function without arguments that runs the method and returns the states (2n, K) at the K times.
 
-        All preparation is done before, so that timings measure the run only.
+        Everything else is prepared in advance, so that timings measure the run only.
         """
         if self.outputs is not None:
             return lambda: method.integrate(problem).y

@@ -69,7 +69,7 @@ def test_text(module: SourceModule, script: Script, **given: object) -> str:
 
 
 def fields_of(module: SourceModule) -> dict[str, object]:
-    """Return the fields that all templates have: names, lengths, and the number of results that the test compares."""
+    """Return the fields that all templates contain: names, lengths, and the number of results that the test reads."""
     quantities = sum(len(one.results) * len(one.results[0]) for one in module.checks)
     return {
         "module": module.name,
