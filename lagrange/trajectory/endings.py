@@ -48,10 +48,8 @@ Accelerations grow without bound there, and steps become too small at 1e-8 to 1e
 """
 
 DOMINANT_SHARE = 0.5
-"""The loss of inertia ends the run if the motion without inertia is at least this share of the accelerations.
-
-In a fall to the centre of polar coordinates its share is zero.
-"""
+"""The run ends for lost inertia if the motion without inertia makes at least this share of the accelerations. In a fall
+to the centre of polar coordinates its share is zero."""
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
@@ -290,7 +288,7 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
 
 
 def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
-    """Return the output times and the midpoints between impacts, (k,), and the states there, (2n, k)."""
+    """Return the output times and midpoints between impacts, (k,), and the states at them, (2n, k)."""
     impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
     t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
@@ -309,7 +307,8 @@ The variation is that over displacements up to 2**-12 of the coordinate. Smooth 
 """
 
 ROUNDING_PART = 2.0**-46
-"""Part of the largest acceleration below which a change is rounding, 64 units: one that is zero changes by that."""
+"""Fraction of the largest acceleration below which a change is rounding: 64 units of round-off. An acceleration that is
+zero changes by that much."""
 
 NEIGHBOURS, OCTAVES = 8, 40
 """Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""

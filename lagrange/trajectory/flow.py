@@ -144,7 +144,10 @@ class Flow:
     def _over_no_crossing(
         self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
     ) -> bool:
-        """Advance to the end of a run; return True if it was reached without passing a crossing of motions."""
+        """Advance to the end of a run.
+
+        The result is True if the end was reached, without a crossing of motions before it.
+        """
         passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
         passed.begin(start)
         counts[DriverState.RECORD] = 1
@@ -192,7 +195,7 @@ class Flow:
         return local.driver, local.state
 
     def _fresh(self, plan: Plan) -> DriverState:
-        """Return the driver state of a run from 0 to 1; every run of the flow starts from its values."""
+        """Return a new driver state, for a run from 0 to 1. Every run of the flow starts from a copy of its values."""
         state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
         state.counts[:] = 0
         self._first = state.reals.copy()

@@ -98,7 +98,7 @@ class RunOptions:
 
 
 DEFAULT_OPTIONS = RunOptions()
-"""Options without any choice of the user."""
+"""Options in which the user chose nothing."""
 
 
 def _positive(limit: float | None, name: str, unit: str) -> float | None:

@@ -181,7 +181,7 @@ def unsolved(residual: float) -> str:
 
 
 def outputs_alone(problem: Problem) -> str:
-    """Return the note on a run that kept its outputs without its steps."""
+    """Return the note on a run that kept only its outputs and not its steps."""
     return (
         f"The steps of the run took more than max_memory = {number(memory_limit(problem))} bytes, so it kept only the "
         "states at its output times: ask for others in t_eval, or raise max_memory."

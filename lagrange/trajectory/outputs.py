@@ -23,7 +23,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class Part(NamedTuple):
-    """Accepted times (k,) and states (k, 2n), and the call of the driver that wrote them."""
+    """Rows written by one call of the driver: accepted times (k,) and states (k, 2n), and the number of the call."""
 
     times: FloatArray
     states: FloatArray
@@ -75,7 +75,7 @@ class AcceptedStates:
             self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
 
     def follow(self, *, last: bool = False) -> None:
-        """Evaluate the outputs on new steps; `last` says that no step follows."""
+        """Evaluate the outputs on new steps. `last` is True if no step follows."""
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
 

@@ -75,9 +75,9 @@ def _led_back(
 
 
 def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
-    """Return True if the motion on both sides of a surface leads to it within a time, negative for a run backwards.
+    """Return True if the motion on both sides leads to the surface within a time.
 
-    `here` and `beyond` are values and rates (2, k) on the two sides.
+    `here` and `beyond` are values and rates (2, k) on the two sides; the time is negative for a run backwards.
     """
     (g, rise), (other, rise_there) = here, beyond
     near = (np.abs(g) <= np.abs(rise * time)) & (g * other < 0)
@@ -87,13 +87,11 @@ def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
 
 
 FIRST_LOOK = 4096
-"""Number of tried steps before the first test; the number doubles for each next test. Most runs end before."""
+"""Number of tried steps before the first test; it doubles for each next test. Most runs end before the first."""
 
 SLOW = 16.0
-"""A run is slow if it would need this many times the tries so far: its floors are compared with rounding noise.
-
-The noise takes 1 to 20 ms, and 4,096 tries of a small system 2 ms.
-"""
+"""A run is slow if it would still need this many times its steps so far. Then its floors are compared with rounding
+noise. The noise takes 1 to 20 ms, and 4,096 steps of a small system 2 ms."""
 
 
 class Pace:

@@ -1,4 +1,4 @@
-"""Runs in parts: over changes of parameters, and of contacts."""
+"""Runs in segments, joined to one run: a new segment begins where parameters or contacts change."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def rest_of(
 
 
 def _counted(event: Event, count: int) -> Event:
-    """Return an event whose limit `terminal` is reduced by the number of its occurrences so far.
+    """Return an event whose `terminal` count is reduced by the number of its occurrences so far.
 
-    The event itself is returned if its limit stays: methods prepare an event object once.
+    The event itself is returned if its count stays: methods prepare an event object once.
     """
     limit = max(event.terminal - count, min(event.terminal, 1))
     return event if limit == event.terminal else replace(event, terminal=limit)
@@ -174,7 +174,7 @@ def _ending(event: Event, problem: Problem) -> Event:
 
 
 def _acting(problem: Problem, part: Trajectory) -> list[int]:
-    """Return the numbers of the events with resets or settings that occurred at the end of a segment."""
+    """Return the indices of the events with resets or settings that occurred at the end of a segment."""
     if part.status not in (Status.EVENT, Status.SUCCESS):
         return []
     end = part.span[1]
@@ -223,7 +223,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
 
 
 def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
-    """Return the note on the step that the method chose for the first segment; the others use it, too."""
+    """Return the note on the step size that the method chose for the first segment and that all segments use."""
     step = parts[0].step
     if problem.step is not None or step is None or len(parts) == 1:
         return ""
@@ -235,7 +235,10 @@ def _name(problem: Problem, i: int) -> str:
 
 
 def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
-    """Return a segment with one state at the event that ends it, the state before; with output times, with none."""
+    """Return a segment that keeps, at the event that ends it, one state only: the state before the event.
+
+    With output times it keeps none.
+    """
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
     return replace(part, t=part.t[:count], y=part.y[:, :count])

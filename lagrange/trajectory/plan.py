@@ -136,7 +136,7 @@ def locates_events(integrator: Integrator) -> bool:
 
 
 def promises(integrator: Integrator) -> Claims:
-    """Return the claims of a method, with `events` set for a method with a plan, whose driver locates them."""
+    """Return the claims of a method. `events` is set for a method with a plan, whose driver locates them."""
     claims = integrator.claims
     return replace(claims, events=locates_events(integrator))
 
@@ -226,7 +226,7 @@ PLANS_KEPT = 8
 """Largest number of plans that a model keeps; the oldest is dropped."""
 
 DRIVERS_KEPT = 4
-"""Largest number of idle drivers that a plan keeps, each for other parameters; the oldest is dropped."""
+"""Largest number of idle drivers that a plan keeps, each for different parameters; the oldest is dropped."""
 
 MOST_BYTES = 2**20
 """Largest memory in bytes of an event watcher with which a driver is kept: enough for some 30 entries of the state.

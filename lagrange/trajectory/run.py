@@ -102,9 +102,10 @@ def integrate_since(
 
 
 def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
-    """Return a model as it is, and a system compiled. `progress` says on a terminal that this takes long.
+    """Return a model as it is, or a system after compiling it.
 
-    Raises StatementError for anything else, with the scene `example`, and for given functions without values.
+    `progress` says on a terminal that this takes long. Raises StatementError for anything else, with the scene
+    `example`, and for given functions without values.
     """
     statement = stated(system, example)
     require_values(statement)

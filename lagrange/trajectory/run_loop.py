@@ -200,7 +200,10 @@ def _ended(
 def _why(
     problem: Problem, plan: Plan, state: DriverState, rows: AcceptedStates, ended: tuple[Status, str]
 ) -> tuple[Status, str]:
-    """Return the status and detail `ended`, or SINGULAR and a detail if the equations are singular at the end."""
+    """Return the status and detail of the end of a run.
+
+    They are `ended`, or SINGULAR with a detail if the equations are singular at the end.
+    """
     status, detail = ended
     stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
@@ -377,13 +380,13 @@ def _advance_to_end(
 
 
 def _more(per_call: int, taken: float) -> int:
-    """Return the number of steps of the next call after one of `per_call` steps that took few seconds."""
+    """Return the number of steps of the next call, after a call of `per_call` steps that took `taken` seconds."""
     growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
     return min(growth * per_call, MOST_STEPS_PER_CALL)
 
 
 def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState) -> str:
-    """Return a sentence if the new states passed a discontinuity or approach dependent constraints, else ""."""
+    """Return a sentence if the new states passed a discontinuity, or approach dependent constraints; else ""."""
     rows.passed = rows.discontinuity()
     if rows.passed is not None:
         return rows.passed.what
@@ -412,7 +415,7 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
 
 
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
-    """Record the events on all rows if the loop ends early, as by Ctrl-C; return `detail`."""
+    """Record the events on all rows when the loop ends early, as by Ctrl-C. Return `detail`."""
     if watch is not None:
         watch.is_due(state)
     return detail

@@ -41,10 +41,10 @@ Each applies the response twice: the largest factor by which an entry grows is t
 """
 
 SETTLED = 8.0
-"""The period is shortened if the size of a coupled entry would change by more than this factor in it."""
+"""The period is shortened if a coupled entry's size would change in it by more than this factor."""
 
 MOST_ROUNDS = 256
-"""Most rounds in which sizes spread along a chain, two rounds per link."""
+"""Largest number of rounds in which sizes spread along a chain: two rounds per link."""
 
 FORCE_SAMPLES = 64
 """Times along a run at which forces are evaluated before a solver of another package starts."""
@@ -123,7 +123,7 @@ def entry_sizes(
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) of entries by themselves: their values, and their changes in a period."""
+    """Return the sizes (2n,) of entries without coupling: from their values, and their changes in a period."""
     q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])
@@ -205,7 +205,7 @@ Terms that vanish at the start, as of a chain that hangs at rest, have noise as 
 
 
 def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
-    """Return whether an entry may be rounding: its floor (2n,) is far below the largest of its kind."""
+    """Return True if an entry may be a rounding error: its floor (2n,) is far below the largest of its kind."""
     return any(bool(half.min(initial=np.inf) < SMALL_FLOOR * half.max(initial=0.0)) for half in layout.split(floors))
 
 
@@ -353,5 +353,5 @@ def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
 
 
 def _within(step: float, left: float) -> float:
-    """Return a step, bounded by the remaining time."""
+    """Return a step, at most as long as the remaining time."""
     return step if abs(step) < abs(left) else left

@@ -99,7 +99,8 @@ class Status(enum.Enum):
 
 
 _SUCCESS, _EVENT = Status.SUCCESS, Status.EVENT
-"""Members that every run compares with: access by the class takes longer than the comparison."""
+"""Members of `Status` as globals: every run compares with them, and access by the class takes longer than the
+comparison."""
 
 
 @dataclass(frozen=True, eq=False)

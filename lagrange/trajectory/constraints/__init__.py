@@ -1,1 +1,1 @@
-"""States on the constraints: how far a state is off them, and the nearest one that is not."""
+"""States and constraints: violations, projection onto the constraints, dependent constraints, discontinuities."""

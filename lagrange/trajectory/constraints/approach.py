@@ -12,7 +12,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 
 FIRST_TEST = 2**18
-"""Steps until the first test of a run. Later tests are at each double of that number; a test takes 0.1 ms."""
+"""Number of steps before the first test of a run. Each next test is after twice as many. A test takes 0.1 ms."""
 
 SLOWER, NEARER = 0.75, 0.75
 """Largest ratios of times and of distances to the singular state, at successive tests.

@@ -178,7 +178,7 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
 
 
 def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
-    """Return True if coordinates satisfy the constraints and their velocities violate them only by rounding.
+    """Return True if coordinates satisfy the constraints, and their velocities violate them only by rounding.
 
     Such velocities move no coordinate by more than round-off in the duration. In a structure that cannot move all
     velocities are rounding errors, and so are the terms that contain them.

@@ -22,11 +22,12 @@ SAMPLES = 4
 """Number of sample states around a state."""
 
 CLEARLY = 1e-4
-"""Rows are surely independent if their least singular value exceeds this fraction of the largest. A typed start is
-rounded to 1e-6, and then dependent rows differ by as much."""
+"""Constraint gradients are surely independent if their least singular value exceeds this fraction of the largest. A
+typed start is rounded to 1e-6, and then dependent rows differ by as much."""
 
 VANISHING = 1e-3
-"""A row vanishes if it shrinks to this fraction between the samples; the gradient of a square keeps 1e-6 / AROUND."""
+"""A constraint gradient vanishes if it shrinks to this fraction between the samples; the gradient of a square keeps
+1e-6 / AROUND."""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
@@ -50,10 +51,8 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 _INDEPENDENT: WeakKeyDictionary[Model, bytes] = WeakKeyDictionary()
-"""The parameters for which the constraints of a model were last found independent at a state that satisfies them.
-
-With the same parameters they are not dependent everywhere on the surface; with other parameters they may be.
-"""
+"""For each model the parameters for which its constraints were last found independent, at a state that satisfies them.
+With the same parameters they are not dependent everywhere on the surface; with other parameters they may be."""
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:

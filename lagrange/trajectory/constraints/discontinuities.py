@@ -43,7 +43,7 @@ VANISHING = 1e-2
 parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
 
 AHEAD = 1e-6
-"""Part of the run in which a cause is sought after a step shrank to nothing."""
+"""Fraction of the run, ahead of a step that shrank to nothing, in which a discontinuity is searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for phi or psi of a constraint that is discontinuous at a surface."""
+        """Return the message for phi or psi of a constraint (number `which`) that is discontinuous at a surface."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -212,7 +212,7 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], places)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the changes of phi, then psi or G, against other states, relative to their terms."""
+        """Return the changes of phi, then of psi or G, from these states to others, relative to their terms."""
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
         signs = np.concatenate([signs[self.places], signs])

@@ -24,7 +24,8 @@ SHORTEST_SHARE = 2.0**-10
 """Smallest fraction to which a correction is shortened; if that does not help, the search ends."""
 
 MOST_DESCENTS = 200
-"""Largest number of steps along the surface to the nearest point. Each multiplies the rest by curvature * distance."""
+"""Largest number of steps along the surface to the nearest point. Each step multiplies the remaining distance by
+curvature * distance."""
 
 NEAREST = 1e-9
 """A point is nearest if the step along the surface is below this fraction of the distance, or is round-off."""
@@ -102,7 +103,7 @@ class Nearest:
         return x, found
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d of least |d - towards| with G d = right, zero if it overflows."""
+        """Return the displacement d with G d = right that is closest to `towards`, zero if it overflows."""
         free, n = self._free, len(self._free)
         gradient = found.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])

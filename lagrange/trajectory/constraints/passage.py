@@ -24,7 +24,8 @@ FIRST_STEPS = 3
 """Number of steps at the start that are ignored: they are short while the step size is sought."""
 
 SURELY_FAR = 1e2
-"""Units change the least singular value of rows by less than this factor, once rows are as long as at the start."""
+"""Margin for unit scaling: units change the least singular value of rows by less than this factor, once the rows are
+normalised."""
 
 ON_THE_WAY = 0.1
 """Largest singular value at the shortest step, relative to the motion, for a search of its neighbours. They may be
@@ -37,7 +38,8 @@ ONE_BY_ONE = 4
 """Largest number of gradients that are evaluated faster one by one than together."""
 
 MANY_STEPS = 10_000
-"""Number of steps from which the shortest is always inspected: the cost is small compared with theirs."""
+"""Runs of at least this many steps always have their shortest step inspected: the cost is small compared with
+theirs."""
 
 CLOSE = 3.0
 """Constraints count as dependent if their least singular value, relative to the start, is below this times the square
@@ -80,7 +82,7 @@ class StatesPassed:
         return self._times[self._count :], self._states[self._count :]
 
     def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
-        """Return whether rounding decided the motion, after `written` new states; see the docstring of the module."""
+        """Return True if rounding decided the motion in `written` new states; see the docstring of the module."""
         self._count += written
         if self._count <= FIRST_STEPS + 2:
             return False
@@ -141,7 +143,7 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
 
 
 def _few(rows: range) -> list[int]:
-    """Return at most `ROWS_AT_ONCE` of the rows, equally spaced."""
+    """Return at most `ROWS_AT_ONCE` of the rows, at equal distances."""
     return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
 
 
@@ -178,7 +180,10 @@ class Nearness:
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
     def at(self, times: FloatArray, states: FloatArray, rows: list[int]) -> FloatArray:
-        """Return the relative least singular value at some rows of times (S+1,) and states (S+1, 2n), or infinity."""
+        """Return the relative least singular value at the given `rows` of times and states, or infinity.
+
+        The arrays are times (S+1,) and states (S+1, 2n).
+        """
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
         known = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(rows), np.inf)

@@ -52,7 +52,10 @@ class Projection:
         return self.share(y) > ON_SURFACE
 
     def share(self, y: FloatArray) -> float:
-        """Return the largest violation at a state, relative to the size that rounding of all entries gives it."""
+        """Return the largest violation at a state, relative to the sizes of the residuals.
+
+        A size is the larger of the constraint's terms and the change of its value by round-off.
+        """
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
 
@@ -128,7 +131,7 @@ class Projection:
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
         """Return the nearest state on the constraints, or None if none is found.
 
-        Without `nearest` it is merely a close state, which takes a tenth of the time.
+        Without `nearest` it is some state close by, which takes a tenth of the time.
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
@@ -183,11 +186,11 @@ class Projection:
         return of(self.t, y, self.parameters, units)
 
     def _stated(self, part: int) -> list[Constraint]:
-        """Return the constraints on the coordinates (part 0), or those on the velocities (part 1)."""
+        """Return the stated constraints on the coordinates (part 0), or on the velocities (part 1)."""
         return [one for one in self.residuals.stated if part or one.holonomic]
 
     def _values(self, found: Residuals, rows: list[int], part: int) -> str:
-        """Return the values of some constraints as text."""
+        """Return the values of the constraints in `rows` as text."""
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
@@ -249,7 +252,7 @@ class Projection:
 
 
 def _far(found: Residuals) -> list[int]:
-    """Return the rows that are off by more than rounding of typed numbers, or have no value."""
+    """Return the rows whose residual exceeds the rounding of typed numbers, or has no value."""
     near = np.abs(found.values) <= np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
 

@@ -17,7 +17,7 @@ from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
 
 BESIDE = 1e-7
-"""Distance from a corner at which gradients are compared, relative to the largest coordinate."""
+"""Distance on both sides of a corner at which gradients are compared, relative to the largest coordinate."""
 
 CORNER = 1e-4
 """A gradient that changes by this fraction over that distance jumps; a smooth one changes by 1e-7 of its size."""
@@ -155,7 +155,11 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return residuals. `units` times `entries` are comparable; each may be off by round-off of the largest."""
+    """Return the residuals `values`, their gradients `rows`, their terms, and the sizes by which they are judged.
+
+    A size is the larger of the terms of a value and its change if the entries of the state change by round-off. Entries
+    times `units` are comparable: each may be off by round-off of the largest.
+    """
     largest = np.abs(units * entries).max(initial=0.0)
     # A gradient that is not finite is refused later, with the constraint's name.
     with np.errstate(all="ignore"):

@@ -50,7 +50,7 @@ _ACCEPTED[[S.ROWS, S.STEPS]] = 1
 
 
 Unread = partial[StepInterpolant]
-"""A function that reads a path when it is first called."""
+"""A function that reads the path over a step when it is first called."""
 
 
 class Stepper(Protocol):
@@ -154,7 +154,7 @@ class SolverPlan:
 
 @dataclass(frozen=True, eq=False)
 class _Standing:
-    """Constant interpolant for a reset, an interval of no duration."""
+    """Constant interpolant for an interval of no duration, at a reset."""
 
     y: FloatArray
 
@@ -231,7 +231,7 @@ class SolverDriver:
         return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Return True if steps vanish because of an entry without a size, so that a survey must raise the floors.
+        """Return True if steps vanish because an entry has no known size, so that a survey must raise the floors.
 
         An entry that is only round-off so far has no size. If the last survey changed nothing, the cause is another.
         """

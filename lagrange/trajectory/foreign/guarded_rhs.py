@@ -23,7 +23,7 @@ The largest measured number is 136: DOP853 started with a step 1e6 times too lon
 
 
 class StopError(Exception):
-    """Ends a run from inside a callback."""
+    """Raised inside a callback to end the run."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__(fault.detail)
@@ -88,7 +88,7 @@ class GuardedRhs:
             raise StopError(self.fault or Fault(Status.DIVERGED, t, y.copy(), detail=detail))
 
     def _slope(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt, which may not be finite, and record the fault."""
+        """Return dy/dt, and record a fault if it is not finite."""
         try:
             slope = self._kernel(t, y, self.parameters)
         except SingularMassMatrix:
@@ -102,7 +102,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return slopes whose evaluations are counted, and whose faults are not those of a step."""
+        """Return a function of slopes that counts its evaluations, and whose faults are not those of a step."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1

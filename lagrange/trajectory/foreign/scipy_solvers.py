@@ -253,7 +253,7 @@ def _history(solver: Any) -> partial[FloatArray]:
 
 
 def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the states (2n, k) on the last step of LSODA at times (k,)."""
+    """Return the states (2n, k) at times (k,) on the last step of LSODA."""
     (order, following), (last, step) = orders, memory[:2]
     powers = ((times - end) / step)[:, None] ** np.arange(order + 1)
     if following < order:

@@ -22,14 +22,14 @@ from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ORDERS = {"BDF": 5, "Adams": 12}
-"""The families of CVODE's formulas and the highest order of each."""
+"""Families of CVODE's formulas, with the highest order of each."""
 
 LAST_STEP_SPACINGS = 4
 """A step of at most this many spacings of floating-point times is the last: CVODE would continue endlessly with
 t + h = t (LLNL/sundials#44), and warn of it from C."""
 
 TINIEST = 1e-140
-"""Spans below this count as zero, because CVODE divides by squares of fractions of them."""
+"""Time spans below this count as zero: CVODE divides by squares of fractions of the span."""
 
 _REACHED = 1
 """CVODE's return code for reaching the end."""

@@ -43,7 +43,7 @@ After one Euler step from rest the kinetic energy has a relative error of 1, and
 """
 
 DIRECTIONS = 8
-"""Number of displacements that are tried."""
+"""Number of random displacements that are tried."""
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
@@ -69,7 +69,10 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
-    """Return whether the energy of `end`, at the time `until`, is that of the start; cheap tests come first."""
+    """Return True if the energy of the state `end`, at the time `until`, is that of the start.
+
+    Cheap tests come first.
+    """
     change = abs(after - before)
     if change <= SMALL_CHANGE * _kinetic_energy_at(problem, end):
         return True

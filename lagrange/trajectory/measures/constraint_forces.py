@@ -54,7 +54,7 @@ class ConstraintForces:
         return ByName("constraint", zip(self.names, rows, strict=True))
 
     def _at_states(self, which: slice) -> FloatArray:
-        """Return the multipliers at some of the states, (m, k)."""
+        """Return the multipliers at the states with these indices, (m, k)."""
         q, v = self.model.layout.split(self.y[:, which])
         return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
 

@@ -44,7 +44,7 @@ class EnergyDrift:
 
     @property
     def unkept(self) -> str:
-        """The remark on an energy that is not known to be conserved."""
+        """Remark for an energy that is not known to be conserved."""
         return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
 
     def sentence(self) -> str:

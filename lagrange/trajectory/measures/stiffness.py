@@ -41,7 +41,7 @@ MOST_OVERSHOOT = 1.5
 """Step control keeps a step below this multiple of the limit; equal steps may exceed it, and the run fails."""
 
 SLOWER = 30.0
-"""The solution must change this many times more slowly than the limiting mode; otherwise the mode is resolved."""
+"""The solution must change more slowly than the limiting mode by this factor; otherwise the mode is resolved."""
 
 NEGLIGIBLE = 1e-4
 """Least scale of a velocity, relative to the speed; both are weighted by the square roots of masses.
@@ -68,7 +68,7 @@ LIMITS = {
 """Statuses of runs whose steps became too short, with their description."""
 
 Polynomial = tuple[float, ...]
-"""Coefficients, that of the lowest power first."""
+"""Coefficients of a polynomial, lowest power first."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, leas
 def _found(
     method: str, polynomial: Polynomial, h: FloatArray, changes: FloatArray, jacobians: FloatArray
 ) -> Stiffness | None:
-    """Examine the steps one by one; see `Stiffness`."""
+    """Examine steps of length `h` one by one, and return the `Stiffness` of the run, or None."""
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
         # In a backward run a mode that grows in time decays.

@@ -1,1 +1,4 @@
-"""The integration methods: data and transformations, each with its claims."""
+"""Integration methods, a file for each family: Runge-Kutta, splitting, implicit, variational, Taylor.
+
+Each claims its properties.
+"""

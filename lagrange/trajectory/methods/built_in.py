@@ -1,4 +1,4 @@
-"""The methods of this package by name: each is entered where it is defined, in the file of its family."""
+"""Registration of this package's methods: each enters its name in the file of its family."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ RATTLE, LOBATTO4 = map(_pair, (2, 3))
 
 
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take h L in the middle of the step, at its mean velocity, as the action of the step; phi is 0 at both ends."""
+    """Take a step whose discrete action is h L at the midpoint and mean velocity; phi is 0 at both ends."""
     none = q * 0
     before, *_ = g(t, q, v, none)
 

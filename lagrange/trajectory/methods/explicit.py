@@ -218,7 +218,7 @@ def tableau(
 
 
 def _listed(name: str, given: Any) -> list[Any] | None:
-    """Return the rows of a matrix, or the entries of a row; one row or column is a matrix too."""
+    """Return the rows of a matrix or the entries of a row as lists. A single row or column counts as a matrix."""
     if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2 and max(given.shape) <= MOST_ENTRIES:
         return list(given.tolist())
     return entries(given, f"a row of the tableau {shown(name)}")

@@ -105,20 +105,20 @@ def _program(
 
 
 def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take the slope at the end of the step."""
+    """Take a step along the slope at its end."""
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take the mean of the slopes at both ends."""
+    """Take a step along the mean of the slopes at both ends."""
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
 
 
 def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take the slope in the middle."""
+    """Take a step along the slope at its middle."""
     k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
     return y + k * h
 
@@ -164,7 +164,7 @@ class Collocation:
 
 
 def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
-    """Return the sum of weight * vector."""
+    """Return the sum of the vectors, each times its weight."""
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 
 
@@ -174,7 +174,7 @@ STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Equate the derivative of the parabola through two states and the new one with the slope at the end."""
+    """Take a step to a state at which the parabola through it and the last two states has the equations' slope."""
     known = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, known + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
     return known + k * (h * Fraction(2, 3))

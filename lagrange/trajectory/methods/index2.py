@@ -57,7 +57,10 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
 
 def predict(ratio: Any, *old: Any) -> list[Any]:
-    """Return the unknowns on the polynomials through those of the last step, the multipliers through 3 points."""
+    """Return initial guesses of the unknowns: the last step's polynomials, continued.
+
+    Those of multipliers have 3 points.
+    """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]
 

@@ -136,7 +136,7 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
 
 @dataclass(frozen=True)
 class _Tried:
-    """Record of a step function: (time, argument) of each call, and the vectors that it returned."""
+    """Record of a trial call of a step function: (time, argument) of each evaluation, and the returned vectors."""
 
     calls: tuple[tuple[Coefficient, dict[int, Coefficient]], ...]
     results: tuple[dict[int, Coefficient], ...]
@@ -205,7 +205,7 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
 
 
 def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
-    """Refuse a step function whose record differs from its trial: only the record will run."""
+    """Refuse a step function whose recording differs from its trial, since only the recording will run."""
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):

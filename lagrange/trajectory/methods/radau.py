@@ -62,13 +62,13 @@ class Radau:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return the increments on the polynomial through those of the last step."""
+        """Return initial guesses of the increments: the last step's polynomials, continued."""
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(found - old[-1] for found in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
 def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Evaluate the polynomial through values at points of a step, at points of the next, `ratio` times as long."""
+    """Evaluate the polynomial through values at points of a step, at points of the next one, `ratio` times as long."""
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
     def at(polynomial: Any, ci: float) -> Any:

@@ -105,7 +105,7 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
 
 
 def _needed(method: Callable[..., Any]) -> list[str]:
-    """Return the names of the required arguments."""
+    """Return the names of a method's required arguments."""
     try:
         parameters = inspect.signature(method).parameters.values()
     except (TypeError, ValueError):
@@ -159,7 +159,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
     ("energy", lambda claims: claims.energy),
     ("A-stable", lambda claims: claims.a_stable),
 )
-"""The columns with yes or nothing, and the claim of each."""
+"""Columns of the table that contain yes or nothing, with the claim that each shows."""
 
 
 def _kind(claims: Claims) -> str:
@@ -201,7 +201,7 @@ def find(method: Any) -> Integrator:
 
 @cache
 def _built_in(name: str) -> Integrator:
-    """Return a built-in method with default settings; it has no state, so one instance serves all runs."""
+    """Return a built-in method with default settings. One instance serves all runs, because it has no state."""
     return BUILT_IN[name]()
 
 

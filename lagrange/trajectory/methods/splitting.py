@@ -31,10 +31,10 @@ from lagrange.trajectory.trajectory import Trajectory
 SplittingStages = tuple[tuple[float, float], ...]
 
 CUBE = 1 / (2 - 2 ** (1 / 3))
-"""The outer part of the triple jump, in which the errors of h^3 cancel."""
+"""Outer coefficient of the triple jump: with it the errors of order h^3 cancel."""
 
 YOSHIDA6 = (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568)
-"""The outer three of seven sizes, which are symmetric; the middle one makes the sum 1."""
+"""First three of seven coefficients of a symmetric composition; the middle one makes the sum 1."""
 
 KAHAN_LI = (
     0.13020248308889008087881763,
@@ -46,7 +46,7 @@ KAHAN_LI = (
     0.25837438768632204729397911,
     0.29501172360931029887096624,
 )
-"""The outer eight of seventeen sizes."""
+"""First eight of seventeen coefficients of a symmetric composition; the middle one makes the sum 1."""
 
 
 @dataclass(frozen=True)
@@ -274,5 +274,5 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return symmetric sizes whose sum is 1."""
+    """Return symmetric coefficients whose sum is 1, from the outer ones of one side."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])

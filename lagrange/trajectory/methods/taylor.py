@@ -139,7 +139,7 @@ class TaylorPlan:
 
 
 def _margin(rtol: float) -> float:
-    """Return the fraction of its tolerances that a step aims at."""
+    """Return the fraction of the tolerances that the error of a step is aimed at."""
     return MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
 
 

@@ -152,7 +152,7 @@ def check_unconstrained(name: str, problem: Problem) -> None:
 
 
 def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
-    """Return the run's tolerance, else the method's own, else None."""
+    """Return a tolerance: that of the run, else that of the method, else None."""
     given = [_number(what, value) for value in (asked, own) if value is not None]
     if len(given) == 2 and given[0] != given[1]:
         raise StatementError(

@@ -1,4 +1,8 @@
-"""Test vectors for a step function: a state that can be combined and nothing else."""
+"""Trial vectors: a user's step function is called with them to find out what it computes.
+
+They stand for the state and the slopes, and allow linear combinations only; any other operation is refused with a
+message.
+"""
 
 from __future__ import annotations
 
@@ -34,19 +38,19 @@ def refusal(name: str, what: str) -> StatementError:
 
 
 def kind_of(thing: object) -> str:
-    """Return a description of an object."""
+    """Return words for the type of an object, for messages."""
     if isinstance(thing, Fraction) and thing.denominator == 1:
         thing = thing.numerator
     return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
 
 
 def number(value: Real) -> Coefficient:
-    """Return the number, exact where it is."""
+    """Return the number, as a fraction where it is exact."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
 class TrialVector:
-    """A linear combination of the state and the slopes with plain numbers."""
+    """A linear combination of the state and the slopes, with plain numbers as coefficients."""
 
     def __init__(self, name: str, terms: Mapping[int, Coefficient]) -> None:
         self._name = name
@@ -54,7 +58,7 @@ class TrialVector:
 
     @property
     def terms(self) -> dict[int, Coefficient]:
-        """The coefficients by the number of the vector, without those that are zero."""
+        """The non-zero coefficients, by the number of the vector."""
         return {i: c for i, c in self._terms.items() if c}
 
     def __add__(self, other: Any) -> TrialVector:

@@ -23,7 +23,7 @@ Momenta = Callable[..., tuple[Any, Any]]
 
 
 def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take h L in the middle of the step, at its mean velocity, as the action of the step."""
+    """Take a step whose discrete action is h L at the midpoint and mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -36,7 +36,7 @@ def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Call
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take the mean of h L at both ends, at the mean velocity, as the action of the step."""
+    """Take a step whose discrete action is the mean of h L at both ends, at the mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -51,9 +51,9 @@ def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Cal
 
 @dataclass(frozen=True)
 class Galerkin:
-    """The step that integrates q' = v and p' = f with a tableau in the points c of the step.
+    """A step that integrates q' = v and p' = f with the tableau of collocation points c.
 
-    With Gauss's points it is that of an action of polynomials of degree s, integrated in s points.
+    With Gauss's points the action is that of polynomials of degree s, integrated by s points.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]

@@ -100,7 +100,7 @@ class SampledPath:
 
 
 def _shares(count: int, theta: FloatArray) -> FloatArray:
-    """Return the weights (K, count) of the values at `count` points in the interpolant at fractions theta (K,).
+    """Return the interpolation weights (K, count) of the values at `count` points, at fractions theta (K,).
 
     J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """

@@ -34,7 +34,7 @@ class SeriesPath:
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
     def _sorted(self, wanted: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times (K,) in the order of the run."""
+        """Return the states (2n, K) at times (K,) that are in the order of the run."""
         states = np.empty((self.states.shape[1], len(wanted)))
         if len(self.epochs) == 1 and not self.continuations:
             self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, wanted, states)
@@ -51,7 +51,10 @@ class SeriesPath:
         return states
 
     def _parts(self, found: Places) -> Iterator[tuple[FloatArray, slice]]:
-        """Yield parameters and sides with the slice of `found` (K,), the steps of the times, for which they hold."""
+        """Yield parameters and sides of surfaces, with the slice of steps for which they hold.
+
+        `found` (K,) are the numbers of the steps that contain the times.
+        """
         begins = np.searchsorted(found, [begin for begin, _ in self.epochs]).tolist()
         for (_, values), first, last in zip(self.epochs, begins, [*begins[1:], len(found)], strict=True):
             if first < last:

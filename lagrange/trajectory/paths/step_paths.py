@@ -35,7 +35,10 @@ class StepPath:
 
     @property
     def joins(self) -> bool:
-        """True if the path of a step uses a slope of the step before; the first step uses the step after it."""
+        """True if the path of a step also uses a slope of the step before.
+
+        The path of the first step uses the step after it.
+        """
         return self.kind.derivative
 
     def __call__(self, times: FloatArray) -> FloatArray:

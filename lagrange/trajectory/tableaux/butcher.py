@@ -32,12 +32,15 @@ HIGHEST_CHECKED = 10
 
 
 def row(text: str) -> Coefficients:
-    """Read coefficients: ``"1/5 -3 0.25"``. Whole numbers and fractions stay exact, decimals become floats."""
+    """Read a row of coefficients such as ``"1/5 -3 0.25"``.
+
+    Whole numbers and fractions stay exact, decimals become floats.
+    """
     return tuple(float(word) if "." in word else Fraction(word) for word in text.split())
 
 
 def rows(text: str) -> tuple[Coefficients, ...]:
-    """Read one row of coefficients per line that has any."""
+    """Read a matrix of coefficients: one row per line, empty lines left out."""
     return tuple(row(line) for line in text.splitlines() if line.strip())
 
 
@@ -53,7 +56,7 @@ def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any,
 
 
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
-    """Return the sum of slopes, each times its weight; those beyond the last weight are left out."""
+    """Return the sum of slopes, each times its weight; slopes without a weight are left out."""
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 

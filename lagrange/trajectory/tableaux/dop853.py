@@ -11,7 +11,8 @@ from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 _C = row("0 0.05260015195876773 0.0789002279381516 0.1183503419072274 0.2816496580927726") + row(
     "1/3 1/4 4/13 127/195 3/5 6/7 1 1"
 )
-"""Those before 1/3 are (12 - 2 r)/135, (6 - r)/45, (6 - r)/30 and (6 + r)/30, r the square root of 6."""
+"""Abscissae of the stages. Those before 1/3 are (12 - 2 r)/135, (6 - r)/45, (6 - r)/30 and (6 + r)/30, where r is the
+square root of 6."""
 
 _A = (
     (),

@@ -1,7 +1,8 @@
-"""Tableaus of collocation: from points to coefficients, exact where the points are, and Gauss's points to many digits.
+"""Tableaus of implicit collocation methods: their coefficients from the collocation points.
 
-A compiled step gets the coefficients as exact numbers, because a tableau conserves only as well as they are accurate.
-Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.2 and II.1.3.
+Coefficients are exact for exact points; Gauss's points are computed to many digits. A compiled step gets the
+coefficients as exact numbers, because a tableau conserves only as well as they are accurate. Source: E. Hairer, C.
+Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.2 and II.1.3.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ BITS = 200
 
 
 def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
-    """Return the polynomials that are 1 at one of the points and 0 at the others, by coefficients from that of 1 on."""
+    """Return the Lagrange polynomials of the points: each is 1 at one point and 0 at the others.
+
+    A polynomial is the list of its coefficients, the constant first.
+    """
     basis = []
     for point in points:
         line: list[Any] = [1]
@@ -62,7 +66,7 @@ def lobatto_pair(stages: int) -> tuple[Tableau, tuple[tuple[Any, ...], ...]]:
 
 
 def _zero(near: float, degree: int) -> Fraction:
-    """Return the zero of a Legendre polynomial near a double, by Newton's method: 16, 32, 64, 128 digits."""
+    """Return the zero of a Legendre polynomial near a double, by Newton's method in 16, 32, 64, 128 digits."""
     x = Fraction(near)
     for _ in range(3):
         before, value = Fraction(1), x

@@ -34,7 +34,7 @@ def _grafted(tree: Tree) -> Iterator[Tree]:
 
 @cache
 def size(tree: Tree) -> int:
-    """Return the number of nodes."""
+    """Return the number of nodes of a tree."""
     return 1 + sum(map(size, tree))
 
 

@@ -195,7 +195,7 @@ _WEIGHTS = {
         5002.13326355941 -2803.5329461869956 639.3667927298665
     """),
 }
-"""The dense weights of stages with any, by the index of the stage."""
+"""Weights of the dense output, by the index of the stage, for stages with any."""
 
 
 def _dense_weights() -> tuple[Coefficients, ...]:
