@@ -1,1 +1,1 @@
-"""The machines: numpy, and machine code through LLVM."""
+"""The machines that run programs: NumPy with printed Python, and machine code through LLVM."""

@@ -28,7 +28,7 @@ AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "magnitude": lambda a, b: np.maximum(abs(a), abs(b)),
     "sqrt": np.sqrt,
 }
-"""NumPy functions for operations that are spelled otherwise on arrays than on numbers."""
+"""NumPy functions for operations that Python spells differently for arrays and numbers."""
 
 AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_equal", "equal")
 """Operations that Python spells alike for arrays and numbers."""

@@ -80,9 +80,9 @@ FEW_ENTRIES = 64
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return whether every entry is finite; False also if their sum overflows.
+    """Return True if every entry is finite; False also if their sum overflows.
 
-    NumPy does not compute the sum: it would warn of an overflow, and public functions give no warnings.
+    The sum is not NumPy's, which would warn of an overflow: public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

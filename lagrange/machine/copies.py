@@ -11,7 +11,7 @@ from lagrange.program.program import Program
 
 
 class Shared:
-    """Immutable objects: a copy is the object itself, because machine code cannot be copied."""
+    """Base class of immutable objects whose copy is the object itself, because machine code cannot be copied."""
 
     def __copy__(self) -> Any:
         return self

@@ -35,7 +35,10 @@ ROOM = 4096
 
 
 def idle(program: SeriesProgram) -> EventMemory:
-    """Return the memory of a run without events: the driver returns before each step that may cross a surface."""
+    """Return the memory of a run without events.
+
+    With it the driver returns before each step that may cross a surface.
+    """
     events = len(program.watched) - program.sides
     return EventMemory(program.states, program.sides, [Reaction()] * events)
 
@@ -110,7 +113,10 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides. Return the index at which their prepared numbers begin, in an array with `size` for each."""
+        """Set the sides of surfaces, and return where their prepared numbers begin.
+
+        The numbers are in an array with `size` entries for each combination of sides.
+        """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
         if self.record.combination >= 0:
@@ -140,7 +146,7 @@ class EventMemory:
 
     @property
     def signs(self) -> NDArray[np.int64]:
-        """Side of each watched function before the next step; see `roots`."""
+        """Sign of each watched function before the next step, its last one beyond noise; see `roots`."""
         return self._block(SIGN)
 
     @property

@@ -49,7 +49,7 @@ class StepFunction(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """Events since the last call: index of the event function `which`, times `when` (k,) and states `there` (k, 2n).
+    """Events that machine code found since the last call: index `which`, times `when` (k,) and states `there` (k, 2n).
 
     The changes of the motion are `rows`, after which another smooth piece begins, and the ends of the steps that were
     cut there: `times` (m,), NaN if no step was cut, and `states` (m, 2n).
@@ -125,7 +125,7 @@ class StepEventMemory:
         return self.taken + int(self.run.begin) - 1
 
     def happened(self) -> Happened:
-        """Return the events and changes of the motion since the last call."""
+        """Return the events and changes of the motion that were found since the last call."""
         found, breaks = self.review.found, self.run.breaks
         self.review.found = self.run.breaks = self.run.proven = 0
         zeros = self.which[:found].copy(), self.when[:found].copy(), self.there[:found].copy()

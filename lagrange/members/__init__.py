@@ -1,1 +1,1 @@
-"""Ensembles: what varies between members, and how they are run side by side, on threads and elsewhere."""
+"""Ensembles: the values that vary between members, and runs of members in lanes, on threads and in other processes."""

@@ -171,7 +171,7 @@ def _is_pair(one: Any) -> bool:
 
 
 def _is_first(one: Any) -> bool:
-    """Return True for a pair such as ("events", 3), False for two names."""
+    """Return True for a pair such as ("events", 3), False for two names such as ("max", "theta")."""
     return _is_pair(one) and one[0] == EVENTS and not isinstance(one[1], (str, list, tuple))
 
 
@@ -210,7 +210,7 @@ STEPS_AT_ONCE = 16384
 """Number of steps whose points are evaluated in one call."""
 
 NONE = np.empty(0)
-"""Empty work array of the search: the dense output of a run needs no polynomial memory."""
+"""Empty work array for the search of extremes: the dense output of a run needs no memory for polynomials."""
 
 
 @cache
@@ -276,7 +276,7 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Some steps of a run: times (k, POINTS), states (2n, k, POINTS), and the parameters there."""
+    """Sampled steps of a run: times (k, POINTS), states (2n, k, POINTS), and the parameters at these points."""
 
     of: SampledRun
     times: FloatArray

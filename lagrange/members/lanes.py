@@ -53,18 +53,19 @@ from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_WRITTEN_OUT = 3500
-"""Most operations of a series that is written out; a longer series is a loop over orders.
-
-Time of written-out code relative to the loop: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four
-links (4,000), 1.17 for a chain of ten (10,600). All of them take twice as long to compile.
-"""
+"""Largest number of operations of a series that is printed without a loop over orders. Time without the loop relative
+to that with it: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four links (4,000), 1.17 for a chain
+of ten (10,600). All of them take twice as long to compile."""
 
 ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 
 @dataclass(frozen=True)
 class Watched:
-    """Event functions of members: `nodes` with their reactions; the first `events` of them are the user's."""
+    """Event functions of members: `nodes` with their reactions.
+
+    The first `events` of them are the user's; the others are roots.
+    """
 
     nodes: tuple[Node, ...]
     reactions: tuple[Reaction, ...]
@@ -96,7 +97,7 @@ class Watched:
 
 @dataclass(frozen=True)
 class Wanted:
-    """Tasks of the machine code beside steps.
+    """Work of the machine code besides steps.
 
     `reductions` are evaluated along the steps, `path` is the dense output that they need, `varying` is True if each
     member has its own parameters, and `watched` has the events.
@@ -194,7 +195,7 @@ def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
 
 
 def _observed(kernels: Mapping[str, Procedure], layout: StateLayout) -> Observed:
-    """Return the procedure for the observed values of a state: the energy and the momenta."""
+    """Return the procedure that computes the energy and the momenta of a state."""
     p = Builder("observed", "The energy and the momenta.")
     t, y = p.given("t", REAL), p.array("y", size=layout.size, read=True)
     held, out = p.array("p", read=True), p.array("out", size=1 + len(layout.rates))
@@ -206,14 +207,12 @@ def _observed(kernels: Mapping[str, Procedure], layout: StateLayout) -> Observed
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 MOST_OPERATIONS = 30_000
-"""Most operations of a series that lanes compute: above it the coefficients of eight members leave the cache.
-
-Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8 to 0.95 for
-seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000).
-"""
+"""Largest number of operations of a series that lanes compute: above it the coefficients of eight members leave the
+cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8 to 0.95
+for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
 
 UNDECIDED = 255
-"""Code of an outcome whose status only a single run can decide."""
+"""Code of an outcome for which only a single run can tell the status."""
 
 _STATUSES = {
     Outcome.DONE: Status.SUCCESS,

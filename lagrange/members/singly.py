@@ -33,7 +33,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States (m, 2n) at the start and the end, with the energies and momenta there, `first` and `last` (m, 1 + n)."""
+    """States (m, 2n) of members at start and end, with their energies and momenta `first` and `last`, (m, 1 + n)."""
 
     before: FloatArray
     after: FloatArray
@@ -102,7 +102,7 @@ def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> 
 
 
 BY_NUMPY = " by numpy"
-"""Suffix of the form of runs without compiled code."""
+"""Suffix of the description of runs without compiled code."""
 
 
 class Explained(NamedTuple):

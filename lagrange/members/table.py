@@ -131,7 +131,7 @@ def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> No
 
 
 def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
-    """Raise StatementError for a key that varies and has a common value as well."""
+    """Raise StatementError for a key that both varies and has a common value."""
     labels = {label_of(key) for key in varied.keys}
     for given in plain.values():
         twice = next((label_of(key) for key in given if label_of(key) in labels), None)

@@ -176,7 +176,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
-    """Return the quantiles (m,) of a range or a distribution at probabilities `parts` (m,)."""
+    """Return the values (m,) of a range or a distribution at the probabilities `parts` (m,)."""
     quantile = getattr(given, "ppf", None)
     if callable(quantile):
         # At probability 0, which a sequence may contain, a normal distribution has no value.

@@ -33,13 +33,11 @@ def threads_of(workers: Any) -> int:
 
 
 AHEAD = 2
-"""Number of chunks submitted per worker of an executor, so that no worker waits for the next chunk."""
+"""Number of chunks submitted per worker of an executor: one runs, and the next one waits for the worker."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Duration of a chunk in seconds on threads, where people see no delay, and by an executor.
-
-An executor needs some milliseconds of this process per chunk: with 0.1 s two workers of Dask take 1.07 times as long.
-"""
+"""Duration of a chunk in seconds: on threads, where people see no delay, and by an executor. An executor needs some
+milliseconds of this process per chunk: with 0.1 s two workers of Dask take 1.07 times as long."""
 
 
 class Runner(Protocol):
@@ -214,7 +212,7 @@ def _result(future: Any) -> ChunkResult:
 
 @contextmanager
 def _working() -> Iterator[None]:
-    """Translate the failure of an executor into a RunError with the remedy for the ensemble."""
+    """Context that translates the failure of an executor into a RunError with the remedy for the ensemble."""
     try:
         yield
     except ImportError as error:

@@ -23,8 +23,8 @@ MOST_STEPS, MOST_TIMES = 1024, 16384
 
 
 FEW = 16
-"""Largest number of entries of a block for which the procedure is printed for numbers instead of arrays. An operation
-on a short array takes as long as twenty operations on numbers."""
+"""Largest number of entries of a block for which the procedure is printed for numbers, not for arrays. An operation on
+a short array takes as long as twenty operations on numbers."""
 
 NONE = np.empty(0).data
 """Placeholder for an array that is not used."""
@@ -188,7 +188,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the results of columns, with NaN in columns with a singular mass matrix."""
+    """Return the results of columns; those with a singular mass matrix are NaN."""
     try:
         return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
@@ -200,7 +200,7 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return some steps in columns, in the layout of `OwnStep`."""
+    """Return steps of a run as columns, in the layout of `OwnStep`."""
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))
     rows = block.reshape(-1, count)

@@ -24,7 +24,7 @@ STANDING = (
     *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
     *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
 )
-"""Arrays of a `StepEventMemory`, by the names of the loop's arguments."""
+"""Names of the loop's arguments that are arrays of a `StepEventMemory`."""
 
 
 class CompiledSteps(Protocol):

@@ -292,7 +292,7 @@ def _module() -> Module:
 
 @lru_cache(maxsize=1)
 def _as_documented() -> bool:
-    """Return whether floats and arrays are read correctly, and other objects are refused."""
+    """Return True if a trial call reads floats and arrays correctly, and refuses other objects."""
     if not by_layout:
         return False
     whole, parts = _made((_module(), _module().address("probe")), np.zeros(1), 4, (2,))

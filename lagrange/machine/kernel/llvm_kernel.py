@@ -22,7 +22,8 @@ from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096
-"""Largest program whose calls of one state keep the interpreter lock, in instructions: releasing it takes as long."""
+"""Largest number of instructions of a program that keeps the interpreter lock for one state: releasing it takes as long
+as the call."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -151,7 +152,7 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return the index of the singular column of a block, by evaluating each column alone."""
+        """Return the index of the first singular column of a block, by evaluating each column alone."""
         out = np.empty(self._program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])
@@ -179,7 +180,7 @@ class LlvmKernel(Shared):
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:
-    """Return the rows as contiguous doubles, filled up to `count` columns with copies of the last."""
+    """Return the rows as contiguous doubles with `count` columns: the last column is repeated as often as needed."""
     if array.shape[1] != count:
         array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
     return np.ascontiguousarray(array, dtype=float)

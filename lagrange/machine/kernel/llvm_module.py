@@ -39,12 +39,12 @@ MOST_IN_REGISTERS = 8
 """Largest number of entries of a state, and of results, that are passed in registers."""
 
 SCALAR = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
-"""Style for one state. Systems that are written out share one test of pivots, at which all their entries are live;
-systems in memory are four vectors of eight reals for each row."""
+"""How systems are solved for one state. Those that are written out share one test of pivots, at which all their entries
+are live; systems in memory are four vectors of eight reals for each row."""
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""Style with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column that needs pivoting
-is evaluated again alone."""
+"""How systems are solved with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column
+that needs pivoting is evaluated again alone."""
 
 
 def fit(dimension: int) -> bool:
@@ -187,5 +187,5 @@ def _row(e: Emitter, place: int, column: str) -> str:
 
 
 def _at(e: Emitter, k: str) -> str:
-    """Return the index of entry k of the current column."""
+    """Return the index of entry k in the arrays of the current column."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")

@@ -28,7 +28,7 @@ from lagrange.statement.number import DOUBLE
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 CACHED = 2**17
-"""Doubles of a block of columns: 1 MiB, which fits the second-level cache of most processors."""
+"""Number of doubles in a block of columns: 1 MiB, which fits the second-level cache of most processors."""
 
 LEAST_COLUMNS, MOST_COLUMNS = 64, 16384
 """Smallest and largest number of columns of a block."""
@@ -52,7 +52,7 @@ NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 """Exceptions that Python raises if an operation has no finite value."""
 
 NO_NUMBERS = (*NO_VALUE, TypeError)
-"""The same exceptions, and that for rows of a matrix in the place of numbers."""
+"""`NO_VALUE`, and the exception for rows of a matrix in place of numbers."""
 
 CHECKS: dict[str, Any] = {
     "ndarray": np.ndarray,
@@ -65,7 +65,7 @@ CHECKS: dict[str, Any] = {
 
 @lru_cache(maxsize=1)
 def tangents_are_fast() -> bool:
-    """Return whether NumPy computes tangents, but not sines and cosines, with vectors of eight doubles.
+    """Return True if NumPy computes tangents with vectors of eight doubles, but not sines and cosines.
 
     Then a tangent takes 1.5 ns, a sine 3 to 11; elsewhere all take as long as in the C library. NumPy has such tangents
     on Linux only. Versions before 2.0 do not report their features.

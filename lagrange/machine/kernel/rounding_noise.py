@@ -28,7 +28,8 @@ EXACT = frozenset(("neg", "abs", "min", "max", "select"))
 """Operations that do not round."""
 
 JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
-"""Operations without noise: their values jump. A jump of a force is not rounding, even for a state on its surface."""
+"""Operations whose result has no noise, because its values jump. A jump of a force is not rounding, even for a state on
+its surface."""
 
 
 class Noisy(NamedTuple):

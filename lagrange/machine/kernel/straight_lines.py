@@ -177,7 +177,7 @@ class _Floats(Printer):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation, in the outer function if it depends on parameters alone."""
+        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -397,5 +397,5 @@ class _Rows(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return the names of numbered values as a target for unpacking, such as "y0, y1,"."""
+    """Return names of numbered values as a target for unpacking, such as "y0, y1,"."""
     return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()

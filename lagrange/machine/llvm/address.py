@@ -35,7 +35,7 @@ def _layout_is_as_documented() -> bool:
 
 
 by_layout = _layout_is_as_documented()
-"""True if the data pointer follows an object's header, as NumPy's C interface says."""
+"""True if an array's data pointer follows the object header, as NumPy's C interface documents."""
 
 address = _by_layout if by_layout else _by_attribute
 """Return the address of an array's first number. The array must stay referenced while the address is used."""

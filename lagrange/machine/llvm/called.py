@@ -51,7 +51,7 @@ class CompiledProcedure(Shared):
         return np.zeros(self.size, dtype=np.int64)
 
     def give(self, words: NDArray[np.int64], arguments: Mapping[str, Any]) -> None:
-        """Write arguments by name into `words`. Arrays are written as addresses and must stay referenced."""
+        """Write arguments, given by name, into `words`. Arrays are written as addresses and must stay referenced."""
         numbers = words.view(np.float64)
         for name, value in arguments.items():
             place = self.places[name]

@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class Carried:
-    """Index of a loop, its carried values, and their values in the next iteration."""
+    """A loop that is being printed: its index, the carried values, and their values in the next iteration."""
 
     index: str
     values: list[str]

@@ -27,7 +27,7 @@ from lagrange.statement.run_settings import check_time
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
 _ENGINES: WeakValueDictionary[bytes, _Engine] = WeakValueDictionary()
-"""The engines in use, by the checksum of their object code."""
+"""Loaded engines that are still in use, by the checksum of their object code."""
 
 COMPILED = ObjectCode()
 

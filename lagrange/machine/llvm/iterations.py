@@ -51,7 +51,8 @@ class Lanes:
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
-        """Number of iterations of the `each` in one iteration of the machine's loop, at least one per partial sum."""
+        """Number of iterations of the `each` in one iteration of the machine's loop: at least one for each partial
+        sum."""
 
     def run(self) -> None:
         """Print all iterations, and define the results of their reductions."""
@@ -173,7 +174,7 @@ def neutral(fold: Fold) -> float:
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
-    """Print the combination of a reduction with one more value."""
+    """Print the combination of the partial result `total` of a reduction with one more value, and return it."""
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
     larger = spell(e, "less", (REAL, REAL), [total, value], lanes)

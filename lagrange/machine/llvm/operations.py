@@ -196,18 +196,18 @@ def convention(results: Sequence[Kind]) -> str:
 
 
 def together(types: Sequence[str]) -> str:
-    """Return the structure type of several values."""
+    """Return the type of a structure that holds several values."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the values of a structure that a call returned; see `together`."""
+    """Yield the values in a structure that a call returned; `together` gives its type."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Print the return of several values as one structure; see `together`."""
+    """Print the return of several values as one structure; `together` gives its type."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")

@@ -97,7 +97,7 @@ LLVM schedules a block as a whole: the Jacobian of a chain of 10 links compiles 
 """
 
 LARGEST_ON_STACK = 50_000
-"""Largest local array on the stack, in numbers (400 kB). Larger arrays are allocated on the heap."""
+"""Largest local array that is on the stack, in numbers (400 kB). Larger arrays are on the heap."""
 
 FEW_RESULTS, MOST_TOGETHER = 16, 4
 """Largest number of results that a function called from outside stores at once, if it has few.
@@ -457,7 +457,7 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument for a callback."""
+        """Return an argument for a callback, converted to the callback's type."""
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"

@@ -49,7 +49,10 @@ def _operation(known: Vectors, let: VectorLet) -> str:
 
 
 def _permuted(known: Vectors, let: VectorLet) -> str:
-    """Return entries of vectors and single values: those of each vector are moved and merged, the others inserted."""
+    """Return a vector of entries of vectors and single values.
+
+    The entries of each vector are moved and merged; single values are inserted.
+    """
     e, (kind, width), begin = known.e, let.vector, 0
     single: dict[int, str] = {}
     made, filled = "", frozenset[int]()
@@ -77,7 +80,7 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, i
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
-    """Return a with some entries of b."""
+    """Return vector a with the `chosen` entries replaced by those of b."""
     given = type_of(kind, width)
     places = [width + k if k in chosen else k for k in range(width)]
     return e.value(f"shufflevector {given} {a}, {given} {b}, {_listed(places)}")
@@ -125,7 +128,7 @@ def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
 
 
 def _listed(places: Sequence[int]) -> str:
-    """Return the mask of a `shufflevector`."""
+    """Return indices of entries as the mask of a `shufflevector`."""
     return f"<{len(places)} x i32> <{', '.join(f'i32 {place}' for place in places)}>"
 
 
@@ -140,7 +143,10 @@ def _gathered(known: Vectors, gather: Gather) -> str:
 
 
 def _place(known: Vectors, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
-    """Return the address of the first entry, and the mask as an operand, or an empty string without a mask."""
+    """Return the address of the first accessed entry, and the mask as an operand.
+
+    Without a mask the operand is an empty string.
+    """
     place = known.e.address(known.values[one.array], known.values[one.place], KINDS[vector.kind])
     return place, "" if one.mask is None else f"<{vector.width} x i1> {known.values[one.mask]}"
 

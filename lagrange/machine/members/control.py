@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lagrange.machine.members.printer import MemberPrinter
 
 ALIVE = -1
-"""The number of a variable: the mask of members that have not left the procedure."""
+"""Key of the mask of members that have not left the procedure, among the numbers of variables."""
 
 FEW = 8
 """Largest number of operations of a branch that are computed for all members, instead of branching."""
@@ -205,10 +205,11 @@ class Control:
     def repeated(
         self, name: str, inside: Block, more: Sequence[tuple[str, str, str]], body: Block | None = None
     ) -> Iterator[list[str]]:
-        """Print a loop. The body of the `with` prints the loop's head, with branches to NAME.body and NAME.end.
+        """Print a loop around the body of the `with`, which prints the loop's head.
 
-        `more` lists names, types and first values of values that the loop carries besides variables. The `with` appends
-        their next values, or the instructions that compute them at the end of the body.
+        The head branches to NAME.body and NAME.end. `more` lists names, types and first values of values that the loop
+        carries besides variables. The `with` appends their next values, or the instructions that compute them at the
+        end of the body.
         """
         p, e = self.p, self.e
         changing = [*assigned(inside), *((ref for ref in p.held if ref < 0) if leaves(inside) else ())]
@@ -312,7 +313,10 @@ class Control:
         return inside
 
     def collected(self, fold: Fold, found: Sequence[str], lanes: int) -> list[str]:
-        """Return the partial results with one more value. The partial result that is due next comes first."""
+        """Return the partial results of a reduction after one more value.
+
+        The first of them is the next that gets a value.
+        """
         value = self.p.operand(fold.value, lanes)
         if fold.factor is None:
             new = joined(self.e, fold.op, found[0], value, lanes)

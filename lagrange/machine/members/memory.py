@@ -50,7 +50,7 @@ class MemberMemory:
         return Held(held.base, held.own, apart, held.level)
 
     def whole(self, operation: str, a: str, b: str) -> str:
-        """Return the result of an integer operation on all members."""
+        """Print an integer operation on one number per member, and return the result."""
         return self.e.value(f"{operation} {type_of(WHOLE, self.lanes)} {a}, {b}")
 
     def pointers(self, held: Held, place: str, kind: Kind) -> str:

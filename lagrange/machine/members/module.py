@@ -67,7 +67,7 @@ def _read(e: Emitter, pointer: str, kind: Kind, lanes: int) -> str:
 
 
 def _write(e: Emitter, value: str, types: Sequence[str], kinds: Sequence[Kind], lanes: int) -> None:
-    """Write the results, one row of memory for each."""
+    """Write the results to memory, one row with an entry for each member."""
     for k, (one, kind, found) in enumerate(zip(types, kinds, separated(e, types, value), strict=True)):
         if kind is FLAG:
             one = type_of(WHOLE, lanes if one.startswith("<") else 1)

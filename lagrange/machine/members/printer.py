@@ -114,7 +114,7 @@ class MemberPrinter(Visitor):
 
     @staticmethod
     def result(place: int) -> int:
-        """Return the number of the variable that collects a result of members that have left."""
+        """Return the number of the variable that collects result `place` of members that have left the procedure."""
         return ALIVE - 1 - place
 
     # --- definitions of numbers

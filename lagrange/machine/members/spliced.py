@@ -36,5 +36,5 @@ class Spliced(MemberPrinter):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Keep the results instead of returning."""
+        """Store the results; a spliced procedure does not return."""
         self.found = [self.operand(ref, self.lanes) for ref in leave.values]

@@ -226,9 +226,9 @@ def _with_numbers(series: NumpySeries, count: int) -> Callable[..., bool]:
 
 
 def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
-    """Return a series for fixed parameters as the function that the loop calls; it returns True for a singular matrix.
+    """Return a series for fixed parameters as the function that the loop over steps calls.
 
-    The array of the state has its 2n entries, then their rounding errors.
+    It returns True for a singular matrix. The array of the state has its 2n entries, then their rounding errors.
     """
 
     def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:

@@ -173,7 +173,7 @@ def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
 
 
 def _ranked(a: Numbers) -> Numbers:
-    """Return the coefficients with entry j multiplied by j."""
+    """Return coefficients in which entry j is multiplied by j."""
     return np.arange(len(a)) * a
 
 
@@ -202,7 +202,7 @@ def _sqrt(at: _Place) -> Any:
 
 
 def _flat(at: _Place) -> Any:
-    """Return a coefficient of a root of zero: zero as long as the argument stays zero, and undefined once it moves."""
+    """Return a coefficient of a root of zero: 0 if the argument stays zero, and undefined if the argument changes."""
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
 

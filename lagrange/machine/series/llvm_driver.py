@@ -96,7 +96,10 @@ class LlvmSeries(Shared):
         return function(self.program.values)
 
     def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
-        """Return a driver; see `Series`."""
+        """Return a driver of Taylor steps of an order, for parameters (k + sides,).
+
+        Raises SingularMassMatrix if a constant mass matrix has no inverse.
+        """
         compiled = self.compiled(order)
         with refused():
             return LlvmTaylorDriver(compiled, order, parameters)
@@ -259,7 +262,7 @@ class LlvmTaylorDriver:
             self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
-        """Set arguments of the loop by name."""
+        """Set arguments of the compiled loop by name."""
         entries, places = self._entries, self._steps.places
         for name, value in arguments.items():
             entries[places[name]] = value

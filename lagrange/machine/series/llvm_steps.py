@@ -82,7 +82,10 @@ def steps_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
 
 
 def _reached(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> tuple[Procedure, ...]:
-    """Return procedures and their callees, callees first, without procedures that are only called from `elsewhere`."""
+    """Return procedures and their callees, callees first.
+
+    Procedures that are called only from `elsewhere` are left out.
+    """
     found: dict[Procedure, None] = {}
     for procedure in procedures:
         called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]

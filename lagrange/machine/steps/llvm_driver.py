@@ -110,7 +110,7 @@ def _kept(layout: Layout, work: FloatArray) -> tuple[Kept, ...]:
 
 
 _LAWS = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
-"""The law that a step calls and its derivative, each with its prepared parameters."""
+"""Pointer arguments in C order: the law that a step calls and its Jacobian, each with its prepared parameters."""
 
 _PROJECTION = "ptr %projection, ptr %pp"
 """The kernel of the corrections onto the constraints, with its prepared parameters."""
