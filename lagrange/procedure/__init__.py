@@ -1,1 +1,1 @@
-"""Algorithms with loops and memory, stated once for every language."""
+"""Procedures: algorithms with loops and memory, written once as Python functions for every machine and language."""

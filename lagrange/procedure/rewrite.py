@@ -65,7 +65,7 @@ class _Binder:
         self.prefix = prefix
         self.known: dict[tuple[Procedure, tuple[tuple[str, Procedure], ...]], Procedure] = {}
         self.kept: dict[Procedure, tuple[bool, ...]] = {}
-        """For each procedure and parameter, True if its bound form still has the parameter."""
+        """For each procedure and each function parameter, True if the bound procedure still has that parameter."""
 
     def bound(self, procedure: Procedure, functions: tuple[tuple[str, Procedure], ...]) -> Procedure:
         key = procedure, functions
@@ -110,7 +110,7 @@ MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part
 
 
 class Pruner:
-    """Prunes procedures that call each other, each only once."""
+    """Removes unread values from procedures that call each other; each procedure is pruned only once."""
 
     def __init__(self) -> None:
         self.known: dict[Procedure, Procedure] = {}
@@ -151,7 +151,7 @@ class _Pass:
         return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
-        """Return True if a statement has no effect on results."""
+        """Return True if a statement does not affect results."""
         match statement:
             case Declare(ref=ref):
                 return ref not in self.got
@@ -188,7 +188,7 @@ class _Unpacker:
         self.unused = count(first)
         self.entries: dict[int, tuple[int, ...]] = {}
         self.same: dict[int, int] = {}
-        """The entries that are read as single values, by the number of that."""
+        """Vector entries that are read as single values, by the number of the single value."""
         self.out: list[Statement] = []
 
     def block(self, block: Block) -> Block:
@@ -242,7 +242,7 @@ class _Unpacker:
         return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
 
     def vector(self, let: VectorLet) -> tuple[int, ...]:
-        """Return the entries of an operation."""
+        """Return the numbers of the entries of an entrywise operation."""
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
         if let.op == "permute":
             entries = [entry for arg in args for entry in arg]

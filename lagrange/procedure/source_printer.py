@@ -122,7 +122,7 @@ class SourcePrinter(Visitor, Syntax):
         return name
 
     def put(self, line: str) -> None:
-        """Print a line unchanged."""
+        """Print a line as it is."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
@@ -132,7 +132,7 @@ class SourcePrinter(Visitor, Syntax):
         self.put(line)
 
     def settle(self) -> None:
-        """Assign every pending value to a name."""
+        """Assign every pending value to a name, before a statement that may change its operands."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
@@ -246,7 +246,7 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Keep a value until its use, or print it now if it has a name or several uses."""
+        """Store the text of a value until its use; print it now if it has a name or several uses."""
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
             self.texts[ref], self.waiting[ref] = (level, text), None

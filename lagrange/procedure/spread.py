@@ -53,7 +53,7 @@ Signature = tuple[Share, ...]
 
 
 def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
-    """Return the sharing of the arguments of a call, given the values that are own and the arrays that are apart."""
+    """Return the sharing of a call's arguments, from the values that are own and the arrays that are apart."""
     assert isinstance(call.callee, Procedure)
     return tuple(
         Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
@@ -63,7 +63,7 @@ def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Sign
 
 @dataclass(frozen=True)
 class Spread:
-    """The differences between members: numbers of values, variables and memory that are own, and results by index.
+    """Result of the analysis: the numbers of values, variables and memory that are `own`, and results by index.
 
     Arrays in `apart` begin at another index for each member. With `parting`, members may leave the procedure at
     different statements.
@@ -90,7 +90,7 @@ class Spreads:
 
 
 class _Search(Visitor):
-    """Repeats passes over a procedure until no more differences appear: loops carry variables back to their start."""
+    """Fixed-point iteration over a procedure, until no further value differs: loops carry variables back."""
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
         self.spreads, self.procedure = spreads, procedure
@@ -114,11 +114,11 @@ class _Search(Visitor):
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
     def size(self) -> tuple[int, ...]:
-        """Return the numbers of differences so far, which grow until the passes are complete."""
+        """Return the counts of values that differ; they grow until the iteration ends."""
         return len(self.own), len(self.apart), self.parting, sum(self.results)
 
     def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
-        """Record that a number differs: it is `own` or `apart`."""
+        """Record for a number that members' values differ: it is `own`, or `apart` for an array."""
         if own:
             self.own[ref] = None
         if apart:
@@ -129,7 +129,7 @@ class _Search(Visitor):
         return any(ref in self.own for ref in refs)
 
     def block(self, block: Block, *, parted: bool) -> None:
-        """Go through statements that all members reach, or only some of them once they have `parted`."""
+        """Visit statements. `parted` is true if only some of the members reach them."""
         before, self.parted = self.parted, parted
         for statement in block:
             self.statement(statement)
@@ -137,36 +137,36 @@ class _Search(Visitor):
 
     @visits(Note, Store, Write)
     def defines_nothing(self, statement: Note | Store | Write) -> None:
-        """Pass over a statement that defines nothing."""
+        """Visit a statement without results: nothing to record."""
 
     @visits(Let, SineCosine, Read)
     def operation(self, statement: Let | SineCosine | Read) -> None:
-        """Note results of an operation: they differ if an operand does."""
+        """Record whether the results of an operation differ: they do if an operand does."""
         for ref in defined(statement):
             self.mark(ref, own=self.differs(operands(statement)))
 
     @visits(Load)
     def load(self, load: Load) -> None:
-        """Note an element of an array."""
+        """Record whether an element of an array differs."""
         array = load.array
         common = array not in self.own and array not in self.apart and array not in self.written
         self.mark(load.ref, own=not common or load.place in self.own)
 
     @visits(Reserve, ReserveRecord)
     def local(self, one: Reserve | ReserveRecord) -> None:
-        """Note local memory."""
+        """Record whether a local array or record differs."""
         self.mark(one.ref, own=True)
 
     @visits(Part)
     def part(self, part: Part) -> None:
-        """Note the part of an array."""
+        """Record whether a part of an array differs."""
         self.mark(part.ref, own=part.array in self.own, apart=part.array in self.apart or part.start in self.own)
         if part.array in self.written:
             self.written[part.ref] = None
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Note a variable, or its value."""
+        """Record whether a variable, or its value, differs."""
         match statement:
             case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
                 self.mark(ref, own=value in self.own)
@@ -175,13 +175,13 @@ class _Search(Visitor):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Note the results."""
+        """Record whether the results of the procedure differ."""
         self.parting |= self.parted
         self.results = [own or ref in self.own for own, ref in zip(self.results, leave.values, strict=True)]
 
     @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> None:
-        """Go into a branch or a loop."""
+        """Visit the blocks of a branch or a loop."""
         parted = self.parted
         match statement:
             case When(condition=condition) | Repeat(condition=condition):
@@ -198,7 +198,7 @@ class _Search(Visitor):
 
     @visits(Call)
     def call(self, call: Call) -> None:
-        """Note which results of a call differ."""
+        """Record which results of a call differ."""
         callee = call.callee
         if not isinstance(callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")

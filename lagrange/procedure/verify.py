@@ -120,7 +120,7 @@ class _Check(Visitor):
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Drop the definitions made inside, at the end."""
+        """Context at whose end the definitions made inside are dropped."""
         known, variables = dict(self.known), dict(self.variables)
         yield
         self.known, self.variables = known, variables

@@ -115,7 +115,7 @@ def _numbers(value: Any) -> Iterator[int]:
 
 
 def renamed(statement: Statement, names: Mapping[int, int]) -> Statement:
-    """Return a statement that reads other numbers in the place of some."""
+    """Return a statement in which numbers that it reads are replaced by others, as `names` maps them."""
     if names.keys().isdisjoint(operands(statement)):
         return statement
     read = {name: _renamed(getattr(statement, name), names) for name in FIELDS[type(statement)].read}

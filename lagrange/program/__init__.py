@@ -1,1 +1,1 @@
-"""In which order it is computed: straight-line programs, and steps of integrators."""
+"""Straight-line programs, step programs and series programs: the operations of a computation, in order."""

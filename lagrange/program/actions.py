@@ -1,4 +1,4 @@
-"""Parts of a step program: the laws that a step evaluates, and its actions on numbered vectors."""
+"""Parts of a step program: the laws of motion that a step evaluates, and its actions on numbered vectors."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from fractions import Fraction
 from lagrange.graph.node import Exact, Kind, Node
 
 Combination = tuple[tuple[int, Node], ...]
-"""Sum of coefficient * vector, by number: the states come first, then what calls and solves give, in order."""
+"""A linear combination of vectors: pairs (number of the vector, coefficient). State vectors come first, then results of
+calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Return a combination as two: of vectors by numbers, and of vectors by exact factors that h multiplies as one."""
+    """Split a combination in two, by the coefficients of its vectors.
+
+    The first part has any coefficients; the second has exact coefficients, and its sum is multiplied by h.
+    """
     plain, scaled = [], []
     for vector, node in combination:
         if node is h:
@@ -25,17 +29,17 @@ def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[i
 
 
 def in_doubles(number: Exact) -> tuple[float, float]:
-    """Return two doubles whose sum is a number to twice the digits of one."""
+    """Return an exact number as the sum of two doubles, to twice the digits of one."""
     return float(number), float(number - Fraction(float(number)))
 
 
 @dataclass(frozen=True)
 class Law:
-    """A law of motion as a step calls it.
+    """The function that a step evaluates, such as the right-hand side or the momenta and forces.
 
-    `states`, `arguments` and `results` are numbers of vectors: of the state, of the arguments and of the results of a
-    call. `quantity` names the model's quantity that a call evaluates, `derivative` that of its derivative by the
-    arguments. `inputs` is the number of vectors of n numbers that these two read.
+    `states`, `arguments` and `results` are numbers of vectors: of the state, of the arguments of a call and of its
+    results. `quantity` is the name of the model's quantity that a call evaluates, `derivative` that of its derivative
+    by the arguments. `inputs` is the number of vectors of n numbers that both read.
     """
 
     states: int
@@ -47,7 +51,10 @@ class Law:
 
     @property
     def through_memory(self) -> bool:
-        """True if calls pass arrays for states of any size: laws with multipliers have too many numbers to pass."""
+        """True if calls pass arrays, for states of any size.
+
+        A law with multipliers has too many numbers for registers.
+        """
         return self.inputs > 2
 
     def dimension(self, numbers: int) -> int:
@@ -80,18 +87,18 @@ class LawCall:
 
     @property
     def argument(self) -> Combination:
-        """The first argument. Only laws of momenta have a second."""
+        """The first argument of the call. Only laws of momenta have a second one."""
         return self.arguments[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Unknown vectors, numbered from `first`, at which the residuals vanish.
+    """Unknown vectors, numbered from `first`, at which residuals are zero.
 
-    `calls` are those inside the residuals, which may depend on the unknowns and not on each other. `guesses` start
-    Newton's method where nothing is known to extrapolate from, and `preparation` are the calls that they need.
-    `predicted` continues the unknowns of the step before, which stand under the same numbers; without it equal steps
-    are extrapolated by a polynomial.
+    `calls` are those inside the residuals, which may depend on the unknowns but not on each other. `guesses` start
+    Newton's method where there is nothing to extrapolate from, and `preparation` are the calls that they need.
+    `predicted` continues the unknowns of the step before, which have the same numbers; without it equal steps are
+    extrapolated by a polynomial.
     """
 
     first: int
@@ -103,7 +110,7 @@ class Solve:
 
     @property
     def count(self) -> int:
-        """The number of unknown vectors."""
+        """Number of unknown vectors."""
         return len(self.residuals)
 
     def reach(self, unknown: int, place: int) -> list[Node]:
@@ -115,7 +122,7 @@ class Solve:
 
 @dataclass(frozen=True, eq=False)
 class Damp:
-    """The vector (I - factor J)^-1 times a combination, J being the Jacobian that the solve `of` has last used."""
+    """The vector (I - factor J)^-1 times a combination, where J is the Jacobian that the solve `of` used last."""
 
     result: int
     of: int

@@ -1,4 +1,4 @@
-"""The programs that a model offers, by name, each lowered from the equations when it is first asked for."""
+"""Catalogue of the programs that a model offers, by name. Each is lowered from the equations at its first use."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ QUANTITIES: dict[str, Quantity] = {
 
 
 def _by_constraint(equations: Equations) -> int:
-    """Return the number of constraints."""
+    """Return the number of constraints of the equations."""
     return len(equations.stated)
 
 
@@ -134,7 +134,7 @@ CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "constraint_bias": Quantity(lambda e: {"constraint_bias": e.stated.bias}),
     "constraint_sizes": Quantity(constraint_sizes),
 }
-"""Those that a system with constraints has as well: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
+"""Further quantities of a system with constraints: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
 G, `constraint_bias` gamma of G a + gamma = 0, and `constraint_sizes` the sizes of the terms of phi and psi."""
 
 
@@ -144,8 +144,8 @@ LAW_QUANTITIES: dict[str, Quantity] = {
     "projection": Quantity(projection, solved=True),
     "local": Quantity(local, solved=True, inputs=local_inputs),
 }
-"""Those that steps call: with multipliers, functions of t, q, v and lambda; and the corrections of a state [q, v] onto
-the constraints, with its violation and what they leave of it."""
+"""Quantities that only steps call: laws with multipliers, functions of t, q, v and lambda; and the corrections of a
+state [q, v] onto the constraints, with its violation before and after them."""
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:

@@ -23,7 +23,7 @@ from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 
 LEAST_SIZE = Fraction(1, 2**1000)
-"""Added to the sizes of terms: where all are zero, the violation is zero."""
+"""Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
 
 
 def constraint_positions(held: ConstraintEquations) -> list[Node]:
@@ -79,7 +79,7 @@ def projection_program(equations: Equations) -> Program:
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
-    """Return the absolute values of nodes relative to sizes."""
+    """Return the absolute value of each node, divided by its size."""
     graph = values[0].graph
     return [graph.call("abs", value) / (size + LEAST_SIZE) for value, size in zip(values, sizes, strict=True)]
 
@@ -116,7 +116,7 @@ def constrained(equations: Equations) -> Named:
 
 
 def constrained_jacobian(equations: Equations) -> Named:
-    """Return the derivative of that by q, v and lambda, (5n, 3n)."""
+    """Return the derivative of `constrained` by q, v and lambda, (5n, 3n)."""
     rows = [node for block in constrained(equations).values() for node in block]
     symbols = [symbol for block in constrained_inputs(equations).values() for symbol in block]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in symbols]

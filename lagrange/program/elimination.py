@@ -1,10 +1,9 @@
-"""The elimination of a symmetric matrix A = L D L^T whose zeros are known: which entries of L there are.
+"""Symbolic elimination of a sparse symmetric matrix: the nonzero entries of L in A = L D L^T.
 
 Pivots are taken in the order of the matrix. That is stable where A is positive definite, and for [[M, G^T], [G, 0]]
 with a definite M as long as no pivot is small against the terms that it is a sum of. Where one is, a solver takes
-pivots by size instead.
-Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R. J. Vanderbei, Symmetric
-quasidefinite matrices, SIAM J. Optimization 5, 1995.
+pivots by size instead. Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R. J.
+Vanderbei, Symmetric quasidefinite matrices, SIAM J. Optimization 5, 1995.
 """
 
 from __future__ import annotations
@@ -15,15 +14,19 @@ from functools import cached_property, lru_cache
 from lagrange.equations.solve_plan import SolvePlan, band_order
 
 WRITTEN_OUT = 6
-"""Largest matrix without multipliers that is written out. Beyond it a loop is as fast and compiles at once."""
+"""Largest matrix without multipliers whose elimination is printed one operation at a time. For larger ones a loop is as
+fast and compiles at once."""
 
 MOST_OPERATIONS = 30_000
-"""Most multiplications of an elimination with multipliers that is written out."""
+"""Largest number of multiplications of an elimination with multipliers that is printed one by one."""
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """A matrix of an order with the places (i, j), i >= j, of its `entries`; `negative` are the pivots below zero."""
+    """Structure of a symmetric matrix: its `order`, and the index pairs (i, j), i >= j, of its nonzero `entries`.
+
+    `negative` are the indices of negative pivots.
+    """
 
     order: int
     entries: frozenset[tuple[int, int]]
@@ -31,7 +34,7 @@ class Elimination:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """The columns k < i of the entries of each row i of L, rising."""
+        """Column indices k < i of the entries in each row i of L, rising."""
         columns: list[set[int]] = [set() for _ in range(self.order)]
         for i, j in self.entries:
             if i > j:
@@ -48,7 +51,7 @@ class Elimination:
 
     @cached_property
     def columns(self) -> tuple[tuple[int, ...], ...]:
-        """The rows i > j of the entries of each column j of L, rising."""
+        """Row indices i > j of the entries in each column j of L, rising."""
         found: list[list[int]] = [[] for _ in range(self.order)]
         for i, row in enumerate(self.rows):
             for j in row:
@@ -57,14 +60,14 @@ class Elimination:
 
     @cached_property
     def places(self) -> tuple[tuple[int, int], ...]:
-        """The places of L by rows, the diagonal included."""
+        """Index pairs of the entries of L by rows, with the diagonal."""
         return tuple((i, j) for i, row in enumerate(self.rows) for j in (*row, i))
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
-        """The row of each unknown in the matrix that is factored with pivoting.
+        """Position of each unknown in the matrix that is factored with pivoting.
 
-        Beside multipliers most entries are zero: neighbours are close to each other.
+        Beside multipliers most entries are zero: this order keeps neighbours close to each other.
         """
         if not self.negative:
             return tuple(range(self.order))
@@ -78,17 +81,17 @@ class Elimination:
 
     @cached_property
     def band(self) -> int:
-        """The largest distance of an entry of that matrix from its diagonal."""
+        """Half bandwidth of the matrix that is factored with pivoting."""
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
     def band_place(self, i: int, j: int) -> int:
-        """Return where an entry of that matrix stands; see `lagrange.algorithm.linear.pivoted`."""
+        """Return the index of an entry in the band storage of that matrix; see `lagrange.algorithm.linear.pivoted`."""
         first, second = sorted((self.ranks[i], self.ranks[j]))
         return first * self.band + second
 
     @property
     def operations(self) -> int:
-        """The number of multiplications of the factorization, or so."""
+        """Approximate number of multiplications of the factorization."""
         return sum(len(column) * (len(column) + 3) // 2 for column in self.columns)
 
     @property
@@ -114,7 +117,7 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return True if systems with a moving matrix are solved by its written-out factors, and not by its inverse.
+    """Return True if a moving matrix is factored, and not inverted, for its solves.
 
     Factors serve matrices with multipliers, most of whose entries are zero.
     """

@@ -18,19 +18,19 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import LONGEST_FLAT, Binding, Exact, Graph, Kind, Node, exact, reachable
 
 LinearTerms = tuple[tuple[Exact, Node], ...]
-"""Sum of coefficient * node, kept apart: the graph would take out common factors again."""
+"""Sum of coefficient * node as a list: the graph would take out common factors again."""
 
 MOST_TERMS = 4096
-"""A form with more terms in one equation than this is given up: expanding is worth its while for a few only. The
-scenes, and chains of 30 links, have at most 7. A mass that is a product of 12 sums has 4096, takes 0.03 s for each
-momentum, and gains nothing."""
+"""Largest number of terms in one equation of a form: expanding pays only for few. The scenes, and chains of 30 links,
+have at most 7. A mass that is a product of 12 sums has 4096, takes 0.03 s for each momentum, and gains nothing."""
 
 
 @dataclass(frozen=True)
 class Momentum:
-    """A momentum up to a constant: the sum of `terms`, the integrals of c C dY over `swept`, and c s times others.
+    """A momentum as a sum of `terms`, integrals and other momenta, up to a constant.
 
-    `swept` has (c, C, Y), `inner` has (c, s, node) with the node of another momentum and s constant.
+    `swept` has (c, C, Y) for the integrals of c C dY, and `inner` has (c, s, node) for c s times the momentum of the
+    node, with s constant.
     """
 
     terms: LinearTerms = ()
@@ -40,7 +40,7 @@ class Momentum:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """dp/dt = f: `momenta` and `forces` by coordinate, and in `parts` what the momenta consist of, by node."""
+    """Equations dp/dt = f: `momenta` and `forces` by coordinate, and `parts` of each momentum by its node."""
 
     momenta: tuple[Node, ...]
     parts: Mapping[Node, Momentum]
@@ -48,7 +48,7 @@ class Form:
 
     @property
     def nodes(self) -> list[Node]:
-        """Every node of the form but the momenta themselves."""
+        """All nodes of the form, except the momenta themselves."""
         found = [node for terms in self.forces for _, node in terms]
         for part in self.parts.values():
             found += [node for _, node in part.terms]
@@ -57,7 +57,7 @@ class Form:
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
-    """Return the forms worth comparing, the momentum form as it stands first."""
+    """Return the forms of the equations to be compared by cost, the momentum form first."""
     graph = time.graph
     whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
     whole_sums = _used_again([*p, *f])
@@ -80,7 +80,10 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the sums that are read more than once, and products that are outputs and are read elsewhere too."""
+    """Return the nodes that are not expanded.
+
+    They are sums that are read more than once, and products that are outputs and are read elsewhere.
+    """
     uses: Counter[Node] = Counter(outputs)
     for node in reachable(outputs):
         uses.update(node.args)
@@ -90,7 +93,7 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
 
 
 def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
-    """Return a node as a sum of products; the sums given stay whole. None if there are too many terms."""
+    """Return a node as an expanded sum of products, or None for too many terms; sums in `whole` stay."""
     found: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):
@@ -132,7 +135,7 @@ def _terms(graph: Graph, expansion: Expansion) -> LinearTerms:
 
 
 class _ByParts:
-    """D'Alembert's form. `slopes` has Y dC/dt, summed over all terms C Y of a momentum, as an expansion.
+    """Builder of d'Alembert's form. `slopes` has for each momentum the sum of Y dC/dt over its terms C Y, expanded.
 
     Momenta may be sums that contain other momenta, as in a chain with relative angles. Their slopes and the forces then
     contain those of the other coordinates. So one remaining force replaces those of all later coordinates.
@@ -172,7 +175,7 @@ class _ByParts:
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:
-        """Find what a momentum consists of, and its slope; return whether it has few enough terms."""
+        """Find the parts of a momentum, and its slope; return True if there are few enough terms."""
         graph = self.graph
         expansion = _expanded(momentum, self.whole)
         if expansion is None:
@@ -202,7 +205,7 @@ class _ByParts:
 
 
 def _term(node: Node) -> _Term:
-    """Return a node that stays whole as a term of an expansion: its factors, and its coefficient."""
+    """Return a node that is not expanded as a term: its factors, and its coefficient."""
     coefficient: Exact = 1
     while node.kind is Kind.SUM and _is_scaled(node):
         coefficient, node = coefficient * node.data[1][0], node.args[0]
@@ -210,7 +213,10 @@ def _term(node: Node) -> _Term:
 
 
 class _Behind:
-    """The coordinates whose equations are done: for each its force, the slope of its momentum, and their difference."""
+    """The coordinates whose equations are finished.
+
+    Each has its force, the slope of its momentum, and the difference of both.
+    """
 
     def __init__(self) -> None:
         self._forces: list[tuple[_Term, _Term, Node]] = []
@@ -222,7 +228,7 @@ class _Behind:
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Replace the force of another coordinate, minus the slope of its momentum, by the terms that remain."""
+        """Return terms in which the rest of each finished coordinate replaces its force and its momentum's slope."""
         found = dict(terms)
         todo = [place for key in found for place in self._places.get(key, ())]
         heapify(todo)

@@ -56,7 +56,7 @@ def local(equations: Equations) -> Named:
 
 
 def _quaternions(equations: Equations) -> list[list[Node]]:
-    """Return the coordinates of each rotation."""
+    """Return the four coordinates of each rotation."""
     names = dict.fromkeys(name for name in map(rotation_name, equations.leaves) if name is not None)
     return [[equations.leaves[q] for q in rotation_of(name).quaternion] for name in names]
 

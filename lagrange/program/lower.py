@@ -1,7 +1,7 @@
-"""From graph to program: binary operations in a good order, with what depends on parameters alone hoisted.
+"""Lowering from graph to program: binary operations in a good order; those of parameters alone are hoisted.
 
-Sums become chains of fused multiply-adds, products put parameters first so that their part is computed once
-per run, and a power with an integer or half-integer exponent becomes multiplications and square roots.
+Sums become chains of fused multiply-adds, products put parameters first so that their part is computed once per run,
+and a power with an integer or half-integer exponent becomes multiplications and square roots.
 """
 
 from __future__ import annotations
@@ -58,7 +58,10 @@ def _blocks(named: Named) -> tuple[ProgramBlock, ...]:
 
 
 class _Lowering:
-    """Value-numbered emission of instructions; `level` of an instruction is its binding time."""
+    """Emits instructions with value numbering.
+
+    `level` of an instruction is its binding time: constant, parameter or moving.
+    """
 
     def __init__(
         self, graph: Graph, outputs: Sequence[Node], state: Sequence[Node], time: Node, parameters: Sequence[Node]
@@ -86,7 +89,7 @@ class _Lowering:
                 self.done[node] = self.compute(node)
 
     def ref(self, node: Node) -> int:
-        """Return the result that holds a node."""
+        """Return the number of the instruction that computes a node."""
         if node not in self.done:
             self.done[node] = self.compute(node)
         return self.done[node]
@@ -113,11 +116,11 @@ class _Lowering:
         return self.emit("constant", value=nearest)
 
     def is_fused(self, node: Node) -> bool:
-        """Return True for a product that is used once: by a sum, as part of a multiply-add, or as a divisor."""
+        """Return True for a product with a single use: in a sum, as part of a multiply-add, or as a divisor."""
         return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
 
     def compute(self, node: Node) -> int:
-        """Emit one node whose arguments are done."""
+        """Emit the instructions of one node, whose arguments are emitted already."""
         if node.kind is Kind.CONSTANT:
             return self.constant(node.data)
         if node.kind is Kind.SUM:
@@ -137,7 +140,7 @@ class _Lowering:
         return self.emit(node.kind.value, *args, order=node.data)
 
     def sum(self, node: Node) -> int:
-        """Emit a linear combination, the part in parameters first."""
+        """Emit a linear combination; the terms in parameters alone come first."""
         constant, coefficients = node.data
         terms = sorted(zip(coefficients, node.args, strict=True), key=_term_order)
         total: int | None = None
@@ -265,7 +268,10 @@ _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan
 
 
 def _beyond_doubles(value: Exact, what: str) -> StatementError:
-    """Return the refusal of an exact constant. It may be computed: x/5e-324 contains 2e323."""
+    """Return the error for an exact constant that is infinite or zero as a double.
+
+    The constant may be a computed one: x/5e-324 contains 2e323.
+    """
     exact = Fraction(value)
     with localcontext(prec=8, Emax=MAX_EMAX, Emin=MIN_EMIN):
         size = Decimal(exact.numerator) / Decimal(exact.denominator)
@@ -277,7 +283,7 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Return the factors to multiply and those to divide by: powers below zero of moving bases, used just here."""
+    """Return the factors to multiply by, and those to divide by: negative powers of moving bases with no other use."""
     under = [
         node
         for node in factors
@@ -296,7 +302,10 @@ def _term_order(term: tuple[Exact, Node]) -> tuple[bool, bool, int]:
 
 
 def _depth_first(outputs: Sequence[Node]) -> list[Node]:
-    """Return the reachable nodes, arguments first, each output's own work together: values die young."""
+    """Return the reachable nodes, arguments first.
+
+    The work of each output is together, so that values have short lives.
+    """
     seen: set[Node] = set()
     order: list[Node] = []
     for output in outputs:

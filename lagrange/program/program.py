@@ -1,4 +1,4 @@
-"""Straight-line programs: in which order it is computed.
+"""Straight-line programs: the operations of a computation as a list, in order.
 
 A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. It is a
 list of instructions in static single assignment form; the first `hoisted` of them need parameters alone and run once
@@ -56,14 +56,14 @@ the whole evaluation as singular.
 
 PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
 GIVEN = ("time", "state", "parameter", "constant")
-"""Operations that compute nothing."""
+"""Operations that read an input or a constant and compute nothing."""
 
 
 class Instruction(NamedTuple):
     """One operation on earlier results.
 
-    `place` is that of an input, a parameter or a component, `value` a constant, `order` that of a matrix, of which the
-    pivots `negative` are below zero and all others above.
+    `place` is the index of an input, a parameter or a component, `value` a constant, `order` the order of a matrix. Of
+    its pivots those in `negative` are below zero and all others above.
     """
 
     op: str
@@ -82,7 +82,7 @@ class Instruction(NamedTuple):
 
 
 class ProgramBlock(NamedTuple):
-    """Numbers that belong together under a name, such as coordinates or momenta."""
+    """A named block of numbers, such as the coordinates or the momenta."""
 
     name: str
     size: int
@@ -125,7 +125,7 @@ class Program:
 
     @property
     def states(self) -> int:
-        """The total size of the inputs."""
+        """Total length of the inputs."""
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:
@@ -206,7 +206,7 @@ def _problems(program: Program) -> Iterator[str]:
 
 
 def uses_of(program: Program) -> list[int]:
-    """Return a lower bound of how often each result is used in printed text."""
+    """Return a lower bound of the number of uses of each result in printed text."""
     uses = [0] * len(program.instructions)
     for one in program.instructions:
         for arg in one.args:
@@ -217,10 +217,10 @@ def uses_of(program: Program) -> list[int]:
 
 
 class SolveGroup(NamedTuple):
-    """Instructions `solves` with one `factor`, in order, with all right-hand sides known before the first solution.
+    """Solves with one factorization that run together: all right-hand sides are known before the first solution.
 
-    No right-hand side depends on another solution of the group. A Jacobian has a group with one solve for each entry of
-    the state.
+    `solves` are the instructions in order. No right-hand side depends on another solution of the group. A Jacobian has
+    a group with one solve for each entry of the state.
     """
 
     factor: int
@@ -228,18 +228,18 @@ class SolveGroup(NamedTuple):
 
 
 def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int]) -> list[int | SolveGroup]:
-    """Return instructions in an order in which systems can be solved together: at most `most(factor)` with a factor.
+    """Return instructions in an order in which systems can be solved together, at most `most(factor)` with one factor.
 
-    At the number of a solve in a group its right-hand side is known, and its solution from the group itself on. The
-    order is that of how many solves an instruction builds upon, one after the other, then that of the program; without
-    groups it is the program's.
+    At the number of a solve in a group its right-hand side is known, and its solution from the group itself on.
+    Instructions are sorted by the number of solves that they depend on in sequence, and then as in the program; without
+    groups the order is that of the program.
     """
     refs = list(refs)
     factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]
     if len(factors) == len(dict.fromkeys(factors)):
         return list(refs)
     known: dict[int, int] = {}
-    """Depth of solves in the operands of each instruction."""
+    """Number of solves in sequence that each instruction's operands depend on."""
     depth: dict[int, int] = {}
     alike: dict[tuple[int, int], list[int]] = {}
     for i in refs:

@@ -21,7 +21,8 @@ from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LONGEST_SHARED = 12
-"""Longest product whose pairs of factors are counted and compared; a longer one is multiplied from the left."""
+"""Longest product whose pairs of factors are counted, to share them with other products; a longer one is multiplied
+from the left."""
 
 
 class RecurrenceBuilder:
@@ -78,8 +79,8 @@ class RecurrenceBuilder:
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
         """Return the number of products that contain each pair of factors.
 
-        A product of just the two counts as many: it exists already. So do cos(q) and sin(q) times the velocity, which
-        the series of sin(q) and cos(q) need.
+        A product of only the two counts for as many, because its value exists already. So do cos(q) and sin(q) times
+        the velocity, which the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -96,9 +97,9 @@ class RecurrenceBuilder:
         return counts
 
     def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
-        """Return the number of the value with that rule; an equal value is reused.
+        """Return the number of the value with a rule; an equal value is reused.
 
-        `constant` is added at order 0, which the rule does not say: x - 1 and x - 2 are two values.
+        `constant` is added at order 0 and is not part of the rule: x - 1 and x - 2 are two values.
         """
         key = rule, constant
         if key not in self.numbers:
@@ -111,7 +112,7 @@ class RecurrenceBuilder:
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
-        """Return a number whose rule is still to come, for functions that follow from themselves."""
+        """Return a number for a node whose rule follows later, as for functions that depend on themselves."""
         self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
@@ -119,12 +120,12 @@ class RecurrenceBuilder:
         return self.values[node]
 
     def constant(self, node: Node | Exact) -> int:
-        """Return the place of a constant in the table."""
+        """Return the index of a constant in the table."""
         node = self.graph.node(node)
         return self.constants.setdefault(node, len(self.constants))
 
     def value(self, node: Node) -> int:
-        """Return the number of a node that moves, or of a constant force."""
+        """Return the number of the value of a node that moves, or of a constant force."""
         if node not in self.values:
             self.values[node] = self._make(node)
         return self.values[node]
@@ -149,7 +150,7 @@ class RecurrenceBuilder:
         raise AssertionError(f"{node} has no series")
 
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
-        """Return the value of a linear combination; constants in it matter at order 0 only."""
+        """Return the value of a linear combination; its constants enter at order 0 only."""
         merged: dict[int, Node] = {}
         constant = self.graph.zero
         for coefficient, arg in terms:
@@ -166,7 +167,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
-        """Return the constant factor of a node and the value of the rest."""
+        """Return the constant factor of a node, and the number of the value of the rest."""
         if node.kind is not Kind.PRODUCT or node in self.values:
             return self.graph.one, self.value(node)
         scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
@@ -182,7 +183,10 @@ class RecurrenceBuilder:
         return scale, value
 
     def product(self, factors: Sequence[Node]) -> int:
-        """Return the value of a product of moving nodes, pair by pair: first the pairs that others need as well."""
+        """Return the value of a product of moving nodes.
+
+        It is multiplied pair by pair; pairs that other products need come first.
+        """
         rest = sorted(factors, key=lambda f: (f.binding, f.id))
         while len(rest) > 2:
             near = combinations(rest if len(rest) <= LONGEST_SHARED else rest[:2], 2)
@@ -196,7 +200,7 @@ class RecurrenceBuilder:
         return self.multiply(*map(self.value, rest))
 
     def multiply(self, a: int, b: int) -> int:
-        """Return the value of a product of two."""
+        """Return the value of a product of two values."""
         node = self.node_of(a) * self.node_of(b)
         if a == b:
             return self.add(SeriesRule("square", (a,)), node)
@@ -221,7 +225,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
-        """Return da/dt as a node where it is a combination of velocities with constant coefficients, else None."""
+        """Return da/dt as a node if it is a combination of velocities with constant coefficients, else None."""
         if node not in self.rates:
             self.rates[node] = self._rate(node)
         return self.rates[node]
@@ -259,7 +263,7 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Give a symbol the rule that it is integrated, and those in its rate, too."""
+        """Give a symbol the rule of an integral, and do so for the symbols in its rate."""
         waiting = [node]
         reserved: dict[Node, int] = {}
         while waiting:
@@ -271,7 +275,7 @@ class RecurrenceBuilder:
             self.rules[value] = SeriesRule("integral", (self.value(rates[symbol]),), (self.constant(1),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
-        """Return the terms of rate * w; each product gets its value here."""
+        """Return the terms of rate * w, each as the value of a product."""
         terms = []
         for coefficient, node in [*zip(rate.data[1], rate.args, strict=True), (rate.data[0], self.graph.one)]:
             scale, moving = (node, None) if node.binding <= Binding.PARAMETER else self.split(node)
@@ -282,12 +286,12 @@ class RecurrenceBuilder:
         return [(c, node) for c, node in terms if c]
 
     def initial(self, table: Sequence[Node], low: Mapping[int, Node]) -> list[Node | None]:
-        """Return every value at order 0 from the same table of constants, as symbols, as its higher orders.
+        """Return every value at order 0, as symbols from the same table of constants as the higher orders.
 
-        Rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its derivatives,
-        at every step to the same side, and the error of the energy would grow with time itself. `low` has by value
-        what rounding lost of the coordinates and velocities: it enters their differences, so that bodies may move
-        together far from the origin.
+        Rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its derivatives, at
+        every step to the same side, and the error of the energy would grow with time itself. `low` has by value the
+        rounding errors of the coordinates and velocities: it enters their differences, so that bodies may move together
+        far from the origin.
         """
         found: list[Node | None] = []
         replaced = Substitution()
@@ -313,7 +317,7 @@ class RecurrenceBuilder:
 
 
 def known_node(node: Node | None) -> Node:
-    """Return a value at order 0 that must be there."""
+    """Return the node of a value at order 0, which must exist."""
     if node is None:
         raise AssertionError("the value of an integral without a start is read")
     return node
@@ -332,7 +336,7 @@ FunctionRule = Callable[["RecurrenceBuilder", Node], int]
 
 
 def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
-    """Two functions that are each other's derivative up to a sign, such as sin and cos."""
+    """Return the builder of two functions that are each other's derivative up to a sign, such as sin and cos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -355,7 +359,7 @@ def _exponential(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _tangent(sign: int) -> FunctionRule:
-    """U' = (1 + sign u**2) a'."""
+    """Return the builder of functions with u' = (1 + sign u**2) a'."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         b.value(node.args[0])
@@ -373,16 +377,17 @@ def _tangent(sign: int) -> FunctionRule:
 
 
 def _flatness(a: Node) -> Node:
-    """Return 1 - tanh(a)**2 without the difference: far out it is 4 exp(-2|a|), of which tanh itself keeps nothing.
+    """Return 1 - tanh(a)**2 without cancellation, by exponentials.
 
-    A series that began with 0 there would not know that the function ever changes.
+    For large |a| it is 4 exp(-2|a|), which the difference rounds to zero: the series would miss that the function ever
+    changes.
     """
     tail = a.graph.call("exp", -2 * a.graph.call("abs", a))
     return 4 * tail / (1 + tail) ** 2
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """slope(a) u' = a'; the negative of that for acos."""
+    """Return the builder of a function with slope(a) u' = a', or of its negative as for acos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -396,7 +401,7 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
 
 
 def _error_function(b: RecurrenceBuilder, node: Node) -> int:
-    """U' = 2/sqrt(pi) exp(-a**2) a'."""
+    """Return the value of erf(a), by u' = 2/sqrt(pi) exp(-a**2) a'."""
     a = node.args[0]
     b.value(a)
     w = b.value(ELEMENTARY["erf"].partial(node, a))
@@ -406,7 +411,7 @@ def _error_function(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _atan2(b: RecurrenceBuilder, node: Node) -> int:
-    """(x**2 + y**2) u' = x y' - y x'."""
+    """Return the value of atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
     w = b.value(x**2 + y**2)
     terms = []

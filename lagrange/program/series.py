@@ -32,7 +32,8 @@ from lagrange.errors import LagrangeError
 from lagrange.program.program import Program
 
 LARGEST_POWER = 64
-"""Whole powers up to this one are products, which are right at zero too; beyond it the rule of powers is shorter."""
+"""Largest whole exponent of a power that becomes products, which are right at zero too; for larger ones the rule of
+powers is shorter."""
 
 RULES: dict[str, tuple[int | None, int | None, str]] = {
     "coordinate": (0, 1, "q{0}[k] = v{0}[k-1] / k"),
@@ -58,7 +59,7 @@ orders below k only, so that they may stand later in the list.
 """
 
 LAGGED = {"integral": 0, "along": 1}
-"""Index of the argument of a rule that is read at order 0 and at orders below k only."""
+"""For each rule the index of its argument that is read at order 0 and at orders below k only."""
 
 
 class SeriesRule(NamedTuple):
@@ -74,10 +75,10 @@ class SeriesRule(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A solve of every order, A x[k] = right[k-1] / k - left[k], where left[k] is found with x[k] = 0.
+    """The linear system A x[k] = right[k-1] / k - left[k] of each order k, with left[k] computed for x[k] = 0.
 
     `unknowns` are values; for each there is one of `left` and of `right`, None for zero: of velocities the momenta, up
-    to a constant, and the forces. `plan` says what matrix A of order 0 is, and how it is solved.
+    to a constant, and the forces. `plan` describes the matrix A of order 0, and how it is solved.
     """
 
     unknowns: tuple[int, ...]
@@ -125,7 +126,7 @@ class SeriesProgram:
 
     @cached_property
     def depth(self) -> tuple[int, ...]:
-        """The number of stages to solve, at each order, before each value is known."""
+        """Number of stages that must be solved, at each order, before each value is known."""
         solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
         depths: list[int] = []
         for i in range(len(self.rules)):
@@ -139,39 +140,39 @@ class SeriesProgram:
 
     @cached_property
     def before(self) -> tuple[int, ...]:
-        """The values to find before any stage, in order."""
+        """Values to compute before any stage, in order."""
         return tuple(i for i in self._needed(self._outputs(left=True)) if not self.depth[i])
 
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage the values to find with unknowns of zero, in order, for what its solve subtracts."""
+        """For each stage, the values that its right-hand side subtracts: computed with unknowns of zero, in order."""
         wanted = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), place) for place, values in enumerate(wanted, 1))
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
-        """The values to compute after each stage, in order: those that this or a later order reads."""
+        """Values to compute after each stage, in order: those that this order or a later one reads."""
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return the given values that are known after a stage, without its unknowns."""
+        """Return those of the given values that are known after a stage, without its unknowns."""
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the values that are read by something else than a rule at the same order, with or without p."""
+        """Return the values that anything but a rule at the same order reads; with `left` also those of momenta."""
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = self.kept | self.ranked | self.lagged
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
 
     @cached_property
     def kept(self) -> frozenset[int]:
-        """The values whose lower orders are read, as they are."""
+        """Values whose coefficients of lower orders are read unchanged."""
         return kept_values(self.rules)
 
     @cached_property
     def ranked(self) -> frozenset[int]:
-        """The values whose lower orders are read times their order, j x[j]."""
+        """Values whose coefficients of lower orders are read times their order, j x[j]."""
         found: set[int] = set()
         for i, (op, args, _) in enumerate(self.rules):
             if op == "along":
@@ -184,7 +185,7 @@ class SeriesProgram:
 
     @cached_property
     def lagged(self) -> frozenset[int]:
-        """The values whose coefficient of the order before is read."""
+        """Values whose coefficient of the previous order is read."""
         return lagged_values(self.rules)
 
     @cached_property
@@ -208,7 +209,7 @@ class SeriesProgram:
 
     @cached_property
     def may_cross(self) -> bool:
-        """True if rows that grow from below rounding may be rounding: at points where constrained motions cross."""
+        """True if rows that grow from below rounding may be rounding noise, as where constrained motions cross."""
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
@@ -236,13 +237,13 @@ class SeriesProgram:
 
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
-    """Return the number of half sums over lower orders, the measure of what an order costs; a square is half a sum."""
+    """Return the number of half sums over lower orders, a measure of the cost of an order; a square is one half sum."""
     weight = {"mul": 2, "div": 2, "inverse": 2, "power": 4, "along": 2, "against": 2, "square": 1, "sqrt": 1}
     return sum(weight.get(rule.op, 0) for rule in rules)
 
 
 def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the values whose lower orders some rule reads."""
+    """Return the values whose coefficients of lower orders some rule reads."""
     found: set[int] = set()
     for i, (op, args, _) in enumerate(rules):
         if op in ("mul", "square"):
@@ -257,7 +258,7 @@ def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return the rates of coordinates that are not velocities: they are values that need no solve."""
+    """Return the rates of coordinates that are not velocities but values, which need no solve."""
     return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
 
 

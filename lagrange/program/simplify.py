@@ -1,7 +1,7 @@
 """Rewrite a program with fewer operations, for machines on which each operation is a call. Only rounding differs.
 
-Signs are carried to where they cost nothing. A multiply-add becomes two operations, so that products can be shared. A
-sum that has F*(u - v) and F*v, as derivatives of an angle between two links give, gets F*u in their place.
+Signs are moved to operations that take them without cost. A multiply-add becomes two operations, so that products can
+be shared. A sum that has F*(u - v) and F*v, as derivatives of an angle between two links give, gets F*u in their place.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 from lagrange.program.program import GIVEN, Instruction, Program
 
 LARGEST = 4000
-"""Programs with more instructions are left as they are: this takes 10 us an instruction."""
+"""Largest number of instructions of a program that is simplified, which takes 10 us for each."""
 
 LONGEST = 40
-"""Sums with more terms, and products with more factors, are not searched: each term is compared with all others."""
+"""Largest number of terms of a sum, or factors of a product, that is searched: each term is compared with all
+others."""
 
 ODD, EVEN = ("mul", "div"), ("abs", "cos")
-"""Operations that hand the signs of their operands on, and those that drop them."""
+"""Operations whose result changes its sign with an operand, and operations that ignore the sign of their operand."""
 
 SUMS = ("add", "sub")
 NO_OPERATION = (*GIVEN, "component")
@@ -33,7 +34,7 @@ class Signed(NamedTuple):
 
 
 Term = tuple[bool, tuple[int, ...]]
-"""A product in a sum: whether it is subtracted, and its factors, sorted."""
+"""A product in a sum: True if it is subtracted, and its factors, sorted."""
 
 
 def simplified(program: Program) -> Program:
@@ -64,7 +65,7 @@ class _Simplifier:
         self.numbers: dict[Instruction, int] = {}
         self.values: list[Signed] = []
         self.sums: dict[int, list[Term]] = {}
-        """The terms of the new sums that nothing else reads."""
+        """Terms of each new sum that has no reader yet."""
 
     def made(self) -> Program:
         """Return the new program."""
@@ -111,7 +112,7 @@ class _Simplifier:
         return self.numbers[one]
 
     def again(self, one: Instruction) -> Signed:
-        """Return an instruction's value in the new program."""
+        """Return the value of an old instruction in the new program."""
         if one.op == "constant" and one.value < 0.0:
             return Signed(self.emit("constant", value=-one.value), negative=True)
         if one.op == "neg":
@@ -129,11 +130,11 @@ class _Simplifier:
         return Signed(self.emit(one.op, *args, **_data(one)))
 
     def odd(self, op: str, a: Signed, b: Signed) -> Signed:
-        """Return a product or a quotient."""
+        """Return the signed result of a product or quotient, whose sign is the product of the operands' signs."""
         return Signed(self.emit(op, a.ref, b.ref), a.negative != b.negative)
 
     def sum(self, a: Signed, b: Signed) -> Signed:
-        """Return a sum; one of which something cancels is written without it."""
+        """Return the sum of two values; terms that cancel are removed."""
         terms = [*self.terms(a), *self.terms(b)]
         if len(terms) > LONGEST:
             return self.added(a, b)
@@ -150,11 +151,11 @@ class _Simplifier:
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
 
     def plain(self, ref: int) -> int:
-        """Return the new number of an old result."""
+        """Return the number in the new program of an old result, with its sign applied."""
         return self.plain_of(self.values[ref])
 
     def plain_of(self, value: Signed) -> int:
-        """Return a value whose sign is carried out."""
+        """Return the number of a signed value, with its sign applied."""
         if not value.negative:
             return value.ref
         free = self.turned(value.ref, 0)
@@ -195,7 +196,7 @@ class _Simplifier:
         return [(negative != value.negative, factors) for negative, factors in found]
 
     def cancelled(self, terms: list[Term]) -> list[Term]:
-        """Return the terms, F*u in place of F*(u - v) and F*v as often as there are such."""
+        """Return terms in which F*u replaces F*(u - v) and F*v, as often as such pairs occur."""
         for i, (negative, factors) in enumerate(terms):
             for difference in factors:
                 rest = list(factors)
@@ -222,7 +223,10 @@ class _Simplifier:
         return found
 
     def product(self, factors: Sequence[int]) -> int:
-        """Write a product: what needs parameters alone first, and inputs, in which products differ most, last."""
+        """Emit a product.
+
+        Factors of parameters alone come first, and inputs, in which products differ most, last.
+        """
         order = sorted(factors, key=lambda ref: (not self.hoisted[ref], self.code[ref].op == "state", ref))
         made = order[0]
         for ref in order[1:]:

@@ -95,7 +95,7 @@ class StepProgram:
 
     @cached_property
     def numbers(self) -> tuple[Node, ...]:
-        """Every number of the step, made of t, h and the ratio of steps, each once."""
+        """All coefficients of the step, made of t, h and the ratio of steps, each once."""
         combinations: list[Combination] = [*self.results, *self.errors]
         calls: list[LawCall] = []
         for action in self.actions:
@@ -116,19 +116,18 @@ class StepProgram:
 
     @property
     def exact(self) -> bool:
-        """True for equal implicit steps, whose invariants shall drift by random rounding alone (Brouwer's law).
+        """True for equal implicit steps, whose invariants must drift by random rounding only (Brouwer's law).
 
         A rounded coefficient of a step, or a truncated part of an unknown, errs to the same side at every step. So
         coefficients of h have twice the digits, states are compensated sums, and unknowns are found to the last digit.
         Of a pendulum's energy gauss3 loses 7e-21 and galerkin6 6e-20 per step (1e7 steps of 0.02 from 16 starts; 4e-20
-        and 1.3e-18 without these measures). Stages are still rounded to doubles.
-        Source: E. Hairer, R. I. McLachlan, A. Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods,
-        BIT 48, 2008.
+        and 1.3e-18 without these measures). Stages are still rounded to doubles. Source: E. Hairer, R. I. McLachlan, A.
+        Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods, BIT 48, 2008.
         """
         return bool(self.solves) and self.control is None
 
     def compensated(self, state: int) -> bool:
-        """Return True if the rounding error of a state vector is carried to the next step, which must add to it."""
+        """Return True if the rounding error of a state vector is stored, and added in the next step."""
         return self.exact and (state, self.graph.one) in self.results[state]
 
     @property
@@ -223,7 +222,7 @@ def trace(
 
 
 def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
-    """Refuse what a call inside a residual gave where it is used outside."""
+    """Raise StatementError if a result of a call inside a residual is used outside of it."""
     outside = [*step.results, *step.errors]
     outside += [argument for call in step.calls for argument in call.arguments]
     outside += [damp.vector for damp in step.damps]
@@ -294,7 +293,7 @@ class Vector:
 
 
 class Recorder:
-    """Recorder of a step function's calls of the law and of its solves, in place of both."""
+    """Records a step function's calls of the law and its solves: it takes the place of both arguments."""
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph

@@ -1,13 +1,13 @@
-"""Switching surfaces: abs, sign, min, max and conditions made smooth by saying on which side of each surface it is.
+"""Switching surfaces: abs, sign, min, max and conditions as smooth expressions with the sides of surfaces as constants.
 
-A series holds on one side of a surface only. Every switch is a question about the sign of some smooth g(q, v, t);
-here each g gets a symbol, its side, that is 1 where g > 0, -1 where g < 0 and 0 while g stays zero. With the sides
-as run-time constants abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. Who runs the
-series watches each g, ends a step on its surface, and goes on with the other side. A g without a value, in a branch
-that is not taken, counts as 1.
+A series holds on one side of a surface only. The value of a switch depends on the sign of some smooth g(q, v, t). Each
+g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. With the sides as run-time constants
+abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. The driver of the series watches each
+g, ends a step on its surface, and continues with the other side. A g without a value, in a branch that is not taken,
+counts as 1.
 
-atan2(y, x) jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is smooth through the jump;
-only its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for -1.
+atan2(y, x) jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is smooth through the jump; only
+its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for -1.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import rebuild
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))
-"""The functions that switch; `and`, `or`, `not` and `piecewise` only pass on what conditions say."""
+"""Functions that switch. `and`, `or`, `not` and `piecewise` are not among them: they only combine conditions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Switched:
 
 
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
-    """Replace every switch that moves by its side; what depends on parameters alone stays as it is.
+    """Replace every switch that moves by its side; switches of parameters alone stay.
 
     The smooth `events` follow the outputs. An atan2 in events alone gets no surface: its jump is not a zero, and no
     step needs to end at it.
@@ -64,7 +64,7 @@ def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -
 
 
 class _Switches:
-    """The surfaces found so far; a surface and its negative are one."""
+    """Collects the surfaces of switches; a surface and its negative are one."""
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
         self.graph, self.read, self.sided = graph, read, sided
@@ -77,7 +77,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Enter the smooth form of some nodes, and of all that they are computed from, in the table."""
+        """Enter in the table the smooth form of some nodes, and of all nodes that they depend on."""
         for node in reachable(outputs, held=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
@@ -88,7 +88,7 @@ class _Switches:
                     self.cut(table[node], node)
 
     def cut(self, angle: Node, stated: Node) -> None:
-        """Watch y of atan2(y, x), and let its value on y = 0 be the limit from the side that the motion is on."""
+        """Watch y of atan2(y, x), and set the angle's value on y = 0 to its limit from the present side."""
         y, x = angle.args
         side = self.side(y, stated.args[0], self.read(stated))
         self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
@@ -153,7 +153,7 @@ def _is_periodic(node: Node) -> bool:
 
 
 def _without_turns(a: Node) -> list[Node]:
-    """Return the terms of a, through nested sums; an angle times a whole number is replaced by its arguments."""
+    """Return the terms of a sum, with nested ones. An angle times a whole number is replaced by its arguments."""
     found: list[Node] = []
     terms: list[tuple[Exact, Node]] = [(1, a)]
     while terms:
@@ -167,7 +167,7 @@ def _without_turns(a: Node) -> list[Node]:
 
 
 def _has_cut(node: Node) -> bool:
-    """Return True for an atan2 that the motion may carry across its cut; not if x is a positive number."""
+    """Return True for an atan2 whose cut the motion may reach: its x is not known to be positive."""
     if node.kind is not Kind.CALL or node.data != "atan2":
         return False
     y, x = node.args

@@ -1,4 +1,4 @@
-"""The series program of a system: from its equations, in the form that costs least."""
+"""Series program of a system: its equations in the form with the least cost."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from lagrange.program.switching import Switched, switch
 
 
 def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[SeriesProgram, Switched]:
-    """Return the series of a system and its switching surfaces.
+    """Return the series of a system and of its switching surfaces.
 
-    The values watched are the surfaces, then the nodes given (of events).
+    Watched values are the surfaces, followed by the given nodes (of events).
     """
     solved = solved_within(watched)
     plain, chosen = replace(equations, turning=None), in_rates(equations)
@@ -44,7 +44,7 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
 
 def in_rates(e: Equations) -> Equations:
-    """Return equations with the motion in rates of bodies, if there are such."""
+    """Return the equations with the motion in rates of bodies, or unchanged without such rates."""
     if e.turning is None:
         return e
     mass = mass_matrix(e.turning.momenta, e.turning.velocities)
@@ -70,7 +70,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
 
 
 def solved_within(watched: Sequence[Node]) -> bool:
-    """Return True if the watched nodes contain accelerations or multipliers from a linear system."""
+    """Return True if the watched nodes contain accelerations or multipliers that a linear system determines."""
     return any(node.kind is Kind.COMPONENT for node in reachable(watched))
 
 
@@ -106,7 +106,7 @@ class _Parts(NamedTuple):
 
 
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
-    """Return every form of the equations worth comparing; `solved` says that their solution is watched."""
+    """Return the forms of the equations to be compared by cost. `solved` is true if their solution is watched."""
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
     n = len(p)
@@ -125,7 +125,7 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
 
 
 class _Assembly:
-    """One form of the equations as values with rules."""
+    """One form of the equations, being built as values with rules."""
 
     def __init__(
         self,
@@ -228,7 +228,7 @@ class _Assembly:
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
 
     def inertia(self, i: int) -> list[tuple[int, Node]]:
-        """Return a momentum as values times constants: of a constant mass matrix M v itself."""
+        """Return a momentum as values times constants. For a constant mass matrix it is M v itself."""
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
             return [(known, b.graph.one)]
@@ -256,7 +256,7 @@ class _Assembly:
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
-        """Return the value of a momentum whose parts have theirs."""
+        """Return the value of a momentum from the values of its parts."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
 
@@ -291,11 +291,11 @@ class _Assembly:
 
     @property
     def cost(self) -> tuple[int, int]:
-        """The cost of an order: the number of sums over lower orders, then the number of values."""
+        """Cost of one order: the number of sums over lower orders, then the number of values."""
         return convolutions(self.builder.rules), len(self.builder.rules)
 
     def program(self, name: str) -> SeriesProgram:
-        """Return the record."""
+        """Return the finished series program."""
         e, b = self.equations, self.builder
         outputs = {value for value in (*self.forces, *self.watched) if value is not None}
         outputs |= self.spun.keys()

@@ -27,7 +27,7 @@ class Names:
         self.roots: dict[int, int] = {}
         """The whole array of each part."""
         self.handed: list[Variable] = []
-        """Variables of the open branches and loops. After these have ended, setting a name creates a new value."""
+        """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
 
         self.unnamed = {parameter.ref for parameter in p.parameters}
 
