@@ -1,1 +1,1 @@
-"""The algorithms of a run, each stated once as procedures for every machine."""
+"""Library of the algorithms of a run, each written once as procedures for every machine."""

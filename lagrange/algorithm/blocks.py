@@ -1,4 +1,4 @@
-"""Whole blocks: machines compute several numbers at once, and arrays have room for whole blocks."""
+"""Sizes of arrays in whole blocks: machines compute several numbers at once."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Dense output: the polynomial of a step by its coefficients, for each kind of path, and its values at many times."""
+"""Dense output: the polynomial of a step for each kind of method, and its values at many times."""

@@ -1,7 +1,7 @@
-"""Memory of the polynomials of steps: a block of steps by columns, and laws evaluated over columns.
+"""Memory in which the polynomials of a block of steps are computed, one step in each column.
 
-Steps are taken in blocks of `columns`, and each vector of a block is by columns: entry j of step b stands at
-j * columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of `LANES`
+Steps are taken in blocks of `columns`, and each vector of a block is stored by columns: entry j of step b is at index j
+* columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of `LANES`
 steps, of which the last may be repeated. The numpy machine has as many columns as there are steps.
 """
 
@@ -20,25 +20,24 @@ from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
 
 LANES = 8
-"""The steps of a block in machine code: the widest vectors of doubles that processors have."""
+"""Number of steps of a block in machine code: the widest vectors of doubles that processors have."""
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
-"""A law over columns: of how many there are, their times, coordinates and velocities, and the parameters, to the
-results. It gives the first column in the block in which a matrix is singular, or -1."""
+"""Type of a function that evaluates a law over columns. Arguments: the number of columns, their times, coordinates and
+velocities, the parameters, and the results. It returns the first column in which a matrix is singular, or -1."""
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
-"""A function that inverts the matrix of each column; see `invert_columns`."""
+"""Type of a function that inverts the matrix of each column; see `invert_columns`."""
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
-"""A function that writes the polynomials of a block of steps, for any kind of path.
-
-Its arguments: data that the machine has prepared for the kind of path, the number of columns, the steps and their
-neighbours (see `OwnStep`), work memory, and the coefficients. The coefficient of power k and entry j, in the fraction
-of step b, has the index (k * 2n + j) * columns + b."""
+"""Type of a function that writes the polynomials of a block of steps, for any kind of path. Arguments: data that the
+machine has prepared for the kind of path, the number of columns, the steps and their neighbours (see `OwnStep`), work
+memory, and the coefficients. The coefficient of power k and entry j, in the fraction of step b, has the index (k * 2n +
+j) * columns + b."""
 
 
 class Room(NamedTuple):
-    """Number of vectors and of rows (a number of each column) of a block that a procedure works in."""
+    """Size of work memory: a number of vectors, and of rows with one number for each column."""
 
     vectors: int
     rows: int
@@ -46,12 +45,12 @@ class Room(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepPolynomial:
-    """A kind of path: what writes the polynomials of a block of steps, and with which numbers.
+    """A kind of dense output: the procedure that writes the polynomials of a block of steps, and its data.
 
-    One procedure, `write`, with its `room`, serves all systems and all methods with this kind of path: of a method it
-    is given `table`, its numbers, and how many `stages` it has. The `degree` is at most 16. With `derivative` it is
-    given the derivative of the law as well, and the neighbours of the steps of a block. `vectors` is the number of work
-    vectors beside its own, `matrices` that of work matrices of 2n vectors each.
+    The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind. Its data
+    are the `table` of the method's coefficients and its number of `stages`. The `degree` is at most 16. With
+    `derivative` it also gets the derivative of the law, and the neighbours of the steps of a block. `vectors` is the
+    number of further work vectors, `matrices` that of work matrices of 2n vectors each.
     """
 
     write: Plain[..., None]
@@ -65,7 +64,7 @@ class StepPolynomial:
 
     @property
     def procedure(self) -> Procedure:
-        """The procedure that writes the polynomials; its arguments are those of `Block`."""
+        """The procedure that writes the polynomials. Its arguments are those of `Block`."""
         return self.write.form()
 
     def size(self, dimension: int, columns: int) -> int:
@@ -75,17 +74,17 @@ class StepPolynomial:
 
 
 SPARE = Room(vectors=2, rows=1)
-"""The beginning of work memory, for columns with a singular mass matrix."""
+"""Work memory at the beginning, for columns with a singular mass matrix."""
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return the number of doubles of the steps of a block, as `gather` writes them."""
+    """Return the number of doubles that the steps of a block take, as `gather` writes them."""
     return (2 * dimension + 3) * columns
 
 
 @dataclass(frozen=True)
 class OwnStep:
-    """The steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
+    """Steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
 
     `side` is the position of a neighbour: -1.0 before the step, 1.0 after it, 0.0 if there is no neighbour.
     """
@@ -130,11 +129,11 @@ def slopes(
 
 @dataclass(frozen=True)
 class Block:
-    """The arguments of a procedure that writes polynomials, and places in the memory that it works in.
+    """Arguments of a procedure that writes polynomials, and the layout of its work memory.
 
-    The first are what a machine prepares for a path: the law by columns with its parameters, its derivative with its
-    own, what inverts matrices, the numbers of the method, its stages and the degree, and the length of a state. What
-    follows is as in `POLYNOMIAL`.
+    First are the arguments that a machine prepares for a kind of path: the law over columns with its parameters, its
+    derivative with its own, the function that inverts matrices, the coefficients of the method, its number of stages,
+    the degree, and the length of a state. The others are those of `POLYNOMIAL`.
     """
 
     law: Callable[..., int]
@@ -154,19 +153,19 @@ class Block:
 
     @property
     def total(self) -> int:
-        """The numbers of a vector of the block."""
+        """Number of doubles of a vector of the block."""
         return self.dimension * self.columns
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> Block:
-        """Return the arguments for other steps without neighbours, with their own memory and results."""
+        """Return the arguments for another block of steps without neighbours, with its own work memory and results."""
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return Block(*laws, *numbers, step, step, work, out)
 
     @inline
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
-        """Return the vectors and the rows of work memory, and the memory behind them."""
+        """Return the vectors and the rows of work memory, and the memory after them."""
         total = self.dimension * self.columns
         first = self.work[total * SPARE.vectors + self.columns * SPARE.rows :]
         vectors = tuple(first[total * k :] for k in unrolled(room.vectors))
@@ -176,17 +175,17 @@ class Block:
 
     @inline
     def entries(self) -> Iterator[int]:
-        """Go through all numbers of a vector of the block."""
+        """Loop over all numbers of a vector of the block."""
         yield from each(self.dimension * self.columns, width=LANES, spill=True, disjoint=True)
 
     @inline
     def each_column(self) -> Iterator[int]:
-        """Go through the columns."""
+        """Loop over the columns."""
         yield from each(self.columns, width=LANES, spill=True, disjoint=True)
 
     @inline
     def spread(self, row: In, target: Out) -> None:
-        """Write the number of each column as all entries of a vector."""
+        """Write the number of each column to all entries of a vector."""
         for j in range(self.dimension):
             line = target[j * self.columns :]
             for b in self.each_column():
@@ -218,7 +217,7 @@ def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: 
 
 @inline
 def mend(block: Block, first: In) -> None:
-    """Write a parabola where a coefficient is not finite.
+    """Write a parabola in columns with a coefficient that is not finite.
 
     It has the slope `first` / h at the start. It serves the last step of a run that ended because the slope has no
     value at its end.
@@ -237,7 +236,7 @@ def mend(block: Block, first: In) -> None:
 
 @procedure
 def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: In, out: Out) -> None:
-    """Write the parabola with the slope `first` / h at the start in each column with a coefficient not finite."""
+    """Write the parabola with slope `first` / h at the start, in each column with a coefficient that is not finite."""
     total = dimension * columns
     for b in range(columns):
         nothing = 0.0

@@ -1,4 +1,4 @@
-"""The path of a stiffly accurate collocation method: its polynomial, found again, and a degree more.
+"""Dense output of a stiffly accurate collocation method: its polynomial, computed again and raised by one degree.
 
 The last stage is the end of the step, which is known; the others are solved for. Their values are of order s alone, and
 so is their polynomial. But their slopes are as well, and one more slope makes the integral of the slopes a path of
@@ -31,14 +31,14 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 TURNS = 12
-"""Corrections of the inner stages, at most; 3 to 5 bring them from a straight line to round-off."""
+"""Largest number of corrections of the inner stages; 3 to 5 reduce the error of a straight line to round-off."""
 
 SETTLED = 1e-14
-"""The part of the state by which a correction of settled stages moves them."""
+"""Stages have converged if a correction is below this fraction of the state."""
 
 INCREMENTS, JOINED = Room(vectors=4, rows=3), Room(vectors=4, rows=3)
 ROOM = Room(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
-"""Work memory of what joins the slopes, and behind it that of the increments, with its own spare memory."""
+"""Work memory: for the joining of slopes, and after it for the increments, with its own spare memory."""
 
 
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
@@ -130,14 +130,14 @@ def linearize(block: Block, step: OwnStep) -> None:
 
 @inline
 def entry(block: Block, matrix: Out, row: int, column: int) -> Out:
-    """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
+    """Return an entry of the matrices in all columns; rows after their order belong to the inverses."""
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
 
 
 @inline
 def correct(block: Block, step: OwnStep) -> None:
-    """Correct the inner stages in the columns in which they still move."""
+    """Correct the inner stages by one Newton step, in the columns that have not converged."""
     total, stages, rows = block.total, block.stages, block.table[block.stages :]
     (h, _, state, _), (time, _, _), slopes = block.lay_out(INCREMENTS)
     for i in range(stages - 1):
@@ -156,7 +156,7 @@ def correct(block: Block, step: OwnStep) -> None:
 
 @inline
 def move(block: Block, step: OwnStep) -> None:
-    """Move the inner stages by the inverses times the residuals; a column has settled where none moves far."""
+    """Add to the inner stages the inverses times the residuals; a column has converged if no stage moves far."""
     columns, n, total, stages = block.columns, block.dimension, block.total, block.stages
     (_, gains, _, _), (_, row, active), slopes = block.lay_out(INCREMENTS)
     residual, matrix, order = slopes[stages * total :], slopes[(2 * stages + n) * total :], (stages - 1) * n
@@ -181,7 +181,7 @@ def move(block: Block, step: OwnStep) -> None:
 
 @inline
 def straighten(block: Block) -> None:
-    """Write a straight line where a stage is not finite."""
+    """Replace stages that are not finite by a straight line."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
     for b in block.each_column():
@@ -200,7 +200,7 @@ def straighten(block: Block) -> None:
 
 @procedure(block=block_type)
 def collocation(block: Block) -> None:
-    """Write the polynomials of a block of steps by their stages, and join their slopes to those beside them."""
+    """Write the polynomials of a block of steps through their stages, with slopes that are continuous between steps."""
     total, stages = block.total, block.stages
     _, _, gains = block.lay_out(JOINED)
     beside_gains, rest = gains[stages * total :], gains[2 * stages * total :]
@@ -228,7 +228,7 @@ def write(block: Block, gains: In) -> None:
 
 @inline
 def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
-    """Return the parts of a table behind c and A: inverse, rates, nodes and powers; see `collocation_polynomial`."""
+    """Return the parts of a table after c and A: inverse, rates, nodes and powers; see `collocation_polynomial`."""
     square = stages * stages
     inverse = table[stages + square :]
     rates = inverse[square:]
@@ -238,7 +238,7 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 @inline
 def join(block: Block, gains: In, beside_gains: In) -> None:
-    """Add the multiple of the polynomial that is zero at the points, integrated, with which the slopes join."""
+    """Make slopes continuous: add a multiple of the integral of the polynomial that is zero at the points."""
     own = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
     total, stages = block.total, block.stages
@@ -276,7 +276,7 @@ def join(block: Block, gains: In, beside_gains: In) -> None:
 
 @inline
 def write_at_place(block: Block, coefficients: In, count: int, place: In, row: Out) -> None:
-    """Write the value of a polynomial with `count` coefficients at the place of each column."""
+    """Write the value of a polynomial with `count` coefficients, at the fraction in each column."""
     for b in block.each_column():
         value = 0.0
         for k in range(count):

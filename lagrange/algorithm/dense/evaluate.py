@@ -1,4 +1,4 @@
-"""Values of polynomials at many times, and the steps that are used on the way, each taken once."""
+"""Evaluation of dense output at many times: the polynomial of each step that is needed is computed once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, each, fma, quotient, reals, unrolled, wholes
 
 CHUNK = 256
-"""Most times on one step that are evaluated at once."""
+"""Largest number of times on one step that are evaluated together."""
 
 READ_BLOCKS, BLOCKS = Array(read=True, room=LANES), Array(room=LANES)
 
@@ -40,7 +40,7 @@ def horner(
 def gather(
     dimension: int, columns: int, starts: WholesIn, steps: int, times: In, states: In, both: int, own: Out, beside: Out
 ) -> None:
-    """Write some steps of a run by columns, and the step beside each if `both` is 1.
+    """Write steps of a run by columns, and the neighbour of each if `both` is 1.
 
     The neighbour is the step before; of the first step it is the step after.
     """
@@ -56,7 +56,7 @@ def gather(
 
 @procedure
 def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: In, block: Out) -> None:
-    """Write a step of a run into a column."""
+    """Write step `s` of a run into column `b`."""
     step = steps_in(block, dimension, columns)
     step.t[b] = times[s]
     step.h[b] = times[s + 1] - times[s]
@@ -69,7 +69,10 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 @dataclass(frozen=True)
 class Path:
-    """A run with its polynomials: callback and its `given` numbers, times and states of steps, memory for a block."""
+    """A run with its dense output.
+
+    It has the callback with its `given` data, times and states of steps, and memory for a block.
+    """
 
     polynomial: Callable[..., None]
     given: In
@@ -106,9 +109,10 @@ def polynomials(path: Path, starts: WholesIn, blocks: int, out: Out) -> None:
 
 @procedure
 def locate(times: In, steps: int, step: int, wanted: float, sign: float) -> int:
-    """Return the last step, from one on, that begins at or before a time.
+    """Return the index of the last step that begins at or before the time `wanted`, searching from `step` on.
 
-    Times rise with `sign` 1.0 and fall with -1.0. The search doubles its reach, and halves it again.
+    Times rise with `sign` 1.0 and fall with -1.0. The length of the search interval is doubled until it contains the
+    time, then halved.
     """
     low, reach = step, 1
     while has_begun(times, steps, low + reach, wanted, sign):
@@ -122,14 +126,14 @@ def locate(times: In, steps: int, step: int, wanted: float, sign: float) -> int:
 
 @inline
 def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> bool:
-    """Return whether a step exists, and begins at or before a time."""
+    """Return True if a step exists and begins at or before a time."""
     begin = times[min(step, steps - 1)]
     return (begin - wanted) * sign <= 0.0 and step < steps
 
 
 @inline
 def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> bool:
-    """Return whether there is a time at an index, and it lies before the end of a step."""
+    """Return True if there is a time at an index and it is before the end of a step."""
     time = wanted[min(place, count - 1)]
     return (time - end) * sign < 0.0 and place < count
 

@@ -1,11 +1,11 @@
-"""The path of any method: the cubic through both ends of a step with the slopes there, raised by Picard's way.
+"""Dense output of any method: Hermite's cubic through both ends of a step, raised by Picard's iteration.
 
 The integral of the right-hand side along a path of order p is one of order p + 1, and what it misses of the end, the
 error of the step and more, is spread over the step by a cubic that is flat at both ends: so the path goes through both
 ends with their slopes, and needs nothing but the right-hand side. Where the steps are so long that this does not
-converge, as those of an implicit method may be, the path of a step stays the best so far, the cubic if need be.
-Source: W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans.
-Math. Softw. 12, 1986, with the nodes of Chebyshev in place of theirs.
+converge, as those of an implicit method may be, the path of a step stays the best so far, the cubic if need be. Source:
+W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans. Math.
+Softw. 12, 1986, with the nodes of Chebyshev in place of theirs.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ ROOM = Room(vectors=5, rows=4)
 
 @shared
 def hermite_polynomial(order: int) -> StepPolynomial:
-    """Return Hermite's cubic, of order 3, raised to any `order`; the degree is one more then.
+    """Return the dense output of an `order` by Hermite's cubic, of order 3, and Picard's iteration.
 
-    The table has the inner nodes, the matrix from changes of slopes there to changes of states, and by powers of theta
-    what a change of each slope adds to the path.
+    The degree is one more than the order. The table has the inner nodes, the matrix from changes of slopes there to
+    changes of states, and by powers of theta the coefficients that a change of each slope adds to the path.
     """
     if order == 3:
         return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
@@ -41,7 +41,10 @@ def hermite_polynomial(order: int) -> StepPolynomial:
 
 @dataclass(frozen=True)
 class Cubic:
-    """The cubic through both ends of steps: the states there, and the slopes by theta, the fraction of the step."""
+    """Hermite's cubic through both ends of steps, from the states and slopes there.
+
+    theta is the fraction of the step.
+    """
 
     y: In
     new: In
@@ -64,7 +67,7 @@ class Cubic:
 
     @inline
     def ends(self, x: int) -> tuple[float, float, float]:
-        """Return the change of an entry of the state, and its slopes at both ends."""
+        """Return an entry's change over the step, and its slopes at both ends."""
         return self.new[x] - self.y[x], self.first[x], self.last[x]
 
 
@@ -97,7 +100,7 @@ def hermite(block: Block) -> None:
 
 @inline
 def begin(block: Block, cubic: Cubic) -> None:
-    """Begin with the cubic: a trial counts where it moves less than the largest slope."""
+    """Begin the iteration with the cubic. A trial is accepted later if it moves less than the largest slope."""
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -126,7 +129,7 @@ def measure(block: Block) -> None:
 
 @inline
 def iterate(block: Block, own: OwnStep, cubic: Cubic) -> None:
-    """Write the trial: integrate the right-hand side along the path."""
+    """Write the next trial: the integral of the right-hand side along the path."""
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
     to_states = block.table[stages:]
@@ -143,7 +146,7 @@ def iterate(block: Block, own: OwnStep, cubic: Cubic) -> None:
 
 @inline
 def judge(block: Block) -> None:
-    """Keep the trial in the columns in which it moved less than half as far as the one before."""
+    """Accept the trial in the columns where it moved less than half as far as the one before."""
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
     for x in block.entries():

@@ -1,4 +1,4 @@
-"""The path of a Runge-Kutta method: its stages are computed again, and the sums of their weights are coefficients."""
+"""Dense output of a Runge-Kutta method: its stages are computed again, and weighted to coefficients."""
 
 from __future__ import annotations
 

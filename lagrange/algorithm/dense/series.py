@@ -1,4 +1,4 @@
-"""The path of a Taylor step: the series itself, computed again from where the step begins."""
+"""Dense output of a Taylor step: the series itself, computed again from the beginning of the step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, mantissa, two_to
 
 HALF = 2**0.5
-"""The scale of time is the power of two that is nearest to the step: the larger one from this mantissa on."""
+"""Mantissa of a step from which on its scale of time, the nearest power of two, is the larger one."""
 
 
 @procedure(jet=lambda: JET)

@@ -1,1 +1,1 @@
-"""Events along a step: where functions on it are zero, and in which order."""
+"""Events along a step: zeros of event functions and their order, and the loops over steps that stop at them."""

@@ -1,4 +1,4 @@
-"""Chebyshev's polynomials on [0, 1]: the points where a function is sampled, and the matrices to coefficients.
+"""Chebyshev polynomials on [0, 1]: sampling points, and the matrices from samples to coefficients.
 
 Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 2 and 3.
 """
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 DEGREE = 16
-"""Degree at which a function is resolved, or its subinterval halved; a path of at most this degree is exact."""
+"""Degree of the polynomial of a function on a step; if it does not resolve the function, the step is halved. A path of
+at most this degree is represented exactly."""
 
 COARSE = 8
-"""The degree at which many steps are looked at first; nearly all of them are certain then."""
+"""Degree at which many steps are sampled first. It suffices to show that most functions keep their sign."""
 
 
 @lru_cache(maxsize=8)

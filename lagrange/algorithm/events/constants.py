@@ -1,42 +1,40 @@
-"""The numbers of root isolation."""
+"""Constants of the search for events: noise, limits of root isolation, and when events count as simultaneous."""
 
 from __future__ import annotations
 
 EPSILON = 2.0**-52
 
 ROUND_OFF = 8 * EPSILON
-"""Times sum |c[k] h**k|: the least noise.
-
-Measured 30 halvings deep around roots of random polynomials, simple, double and close, to degree 40 (64): Bernstein
-coefficients are wrong by 3.6 (4.6) EPSILON at most, and those that are within 64 EPSILON of zero by 0.9 (1.2).
-"""
+"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. Measured 30 halvings deep around roots of random
+polynomials, simple, double and close, to degree 40 (64): Bernstein coefficients are wrong by 3.6 (4.6) EPSILON at most,
+and those that are within 64 EPSILON of zero by 0.9 (1.2)."""
 
 DEEPEST = 50
 """Largest number of halvings of a step; a narrower interval is a single point."""
 
 MOST_COEFFICIENTS = 65
-"""Coefficients of an event function on a step, at most."""
+"""Largest number of coefficients of an event function on a step."""
 
 MOST_ROOTS = MOST_COEFFICIENTS + 1
-"""Roots of an event function on a step, at most: of the polynomial, and one where it does not meet the step before."""
+"""Largest number of roots on a step: those of the polynomial, and one if it does not meet the step before."""
 
 MODEST = 40
-"""Powers up to this one of a step between 1e-6 and 1e6 are computed as they are."""
+"""Largest exponent for which powers of a step between 1e-6 and 1e6 are computed without scaling."""
 
 SMALLEST = 2.0**-1022
-"""The least normal number."""
+"""Smallest normal double."""
 
 LEAST_POWER = -(2**20)
-"""An exponent below that of every coefficient."""
+"""An exponent smaller than that of any coefficient: the start of a maximum."""
 
 CONVERGED = EPSILON / 1024
-"""Newton's method ends where the next step would be so small a part of the place that was found."""
+"""Newton's method ends if its next step is below this fraction of the root."""
 
 NARROWEST = 2.0**-DEEPEST
-"""The width of a part that is not halved."""
+"""Width of the smallest part of a step; it is not halved again."""
 
 SURELY = 1.001
-"""A sum outweighs another beyond the round-off of both where it does so by this factor."""
+"""Safety factor in comparisons of two sums: covers the rounding errors of both."""
 
 UNFIT, TOO_MANY = -1, -2
 """Codes in place of the number of roots: coefficients that are not finite, and more roots than the arrays can hold."""
@@ -51,22 +49,23 @@ The weights of DOP853 leave 5e-14 where the state moves by 1 (a pendulum, h = 1)
 """
 
 CERTAINTY = 1.001
-"""A function keeps its sign where its mean outweighs all else by so much."""
+"""Safety factor of the test that a function keeps its sign: its mean must outweigh all other terms by this factor."""
 
 TAIL = 8.0
 """Estimate of the unresolved part of a function, as a multiple of its last coefficients."""
 
 TINY = 64 * 2.0**-1074
-"""Some spacings of the smallest doubles."""
+"""Smallest size that is distinguished from zero: some spacings of the smallest doubles."""
 
 LARGEST_NOISE = 1e-8
 """Noise above this fraction of a function is treated as the function itself."""
 
 MOST_HALVINGS = 500
-"""Halvings of one step until a function on it is left to others: some tens of roots."""
+"""Largest number of halvings of one step; then the function is left to the caller. It suffices for some tens of
+roots."""
 
 TOGETHER = 4 * 2.0**-52
-"""Zeros closer than this part of the time happen at once."""
+"""Zeros at a distance below this fraction of the time count as simultaneous."""
 
 CLEAR_FACTOR = 16.0
 """An event function within rounding of zero at its start is compared with that value until it is this factor larger.
@@ -74,28 +73,30 @@ CLEAR_FACTOR = 16.0
 A ball that lies below the floor by rounding would otherwise meet the floor again while it rises."""
 
 CLOSEST = 64 * 2.0**-52
-"""An event or surface that is met again and again closer than this part of the time accumulates."""
+"""Changes by one event or surface at intervals below this fraction of the time count as an accumulation."""
 
 NOISE_HALVES = 8.0
 """Noise of one state, in half spacings of doubles."""
 
 LONGEST_LOOK = 256
-"""Most steps between two reviews if an event may end the motion: steps after that event are wasted."""
+"""Largest number of steps between two reviews if an event may end the motion: steps after that event are discarded."""
 
 FIRST_LOOK = 4
-"""Steps before the first review if an event resets the state: steps after the reset are wasted."""
+"""Number of steps before the first review if an event resets the state: steps after the reset are discarded."""
 
 AHEAD = 2.0
-"""After a reset an adaptive method starts with this part of the time since the last: such intervals are alike."""
+"""After a reset an adaptive method starts with a step of this many times the interval since the last reset: such
+intervals are alike."""
 
 CLOSE = 256 * 2.0**-52
-"""But with no less than this part of the time: below, it is for the events to say that time stands still."""
+"""Lower bound of that first step as a fraction of the time. If even shorter steps are needed, the events report that
+time stands still."""
 
 ALONG = 2.0**-16
-"""The part of a step over which it is seen that the motion passes zero as its path does."""
+"""Fraction of a step over which it is tested that the motion passes zero in the same direction as its path."""
 
 CLEARLY = 8.0
-"""An event function must move by more than this multiple of its noise there."""
+"""In that test an event function must change by more than this multiple of its noise."""
 
 JUMP = 1e-4
-"""A watched function above this fraction of its largest term is not zero."""
+"""Values of a watched function above this fraction of its largest term differ from zero: the function has jumped."""

@@ -1,4 +1,4 @@
-"""The loop over the steps of a step program with events: take some, review them, go back to the first change.
+"""Loop over the steps of a step program with events: take steps, review them, return to the first change.
 
 A reset after which the motion leaves zero is applied here. Irregular events are left to the caller, with the steps that
 wait for it.
@@ -36,13 +36,11 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
-"""A function that takes steps and returns an `Outcome`.
-
-Its arguments: data that the machine has prepared, the numbers and counts of the run, work memory, the number of tries,
-and the arrays for times and states."""
+"""Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine has prepared, the
+numbers and counts of the run, work memory, the number of tries, and the arrays for times and states."""
 
 MOST_STEPS = 1024
-"""Steps that are taken, at most, before they are reviewed: their times and states are kept until then."""
+"""Largest number of steps that are taken before a review: their times and states are stored until then."""
 
 LOOK, READ_EVENTS = 16, 17
 """Codes beside those of `Outcome`: a step is irregular; the arrays of events or of changes of the motion are full."""
@@ -68,7 +66,7 @@ ACCEPTED, ROWS, SLOPE_KNOWN, AFTER_REJECT, KEPT = (
 
 @record
 class EventRun:
-    """State of a run with events."""
+    """State of a run with events: the steps that wait for a review, and the last change of the motion."""
 
     count: int
     """Number of steps that wait for a review; step i of them leads from row i to the next row."""
@@ -86,7 +84,7 @@ class EventRun:
     """Number of rows that were written before the waiting steps."""
 
     proven: int
-    """Number of zeros that were written before the waiting steps."""
+    """Number of zeros that were written on steps before the waiting ones."""
 
     budget: int
     """Number of steps that the caller allows."""
@@ -131,7 +129,7 @@ class EventRun:
     """1 + the index of the event that changes the motion at the state, or 0."""
 
     way: int
-    """Direction of the zero of that event."""
+    """Direction of the zero of that event: 1, -1, or 0 for a touch."""
 
     changed: float
     """Time when the motion began, or changed last."""
@@ -140,7 +138,7 @@ class EventRun:
     """Time between the last two resets."""
 
     final: float
-    """End of the run: a function that comes to zero within its noise there counts as zero."""
+    """End time of the run: a function within its noise of zero there counts as zero."""
 
 
 EVENT_RUN = form_of(EventRun)
@@ -153,7 +151,7 @@ GO_ON = -1
 
 @dataclass(frozen=True)
 class Waiting:
-    """Steps of a run that wait for their review, the driver that takes them, and the arrays for rows of the run.
+    """Steps of a run that wait for a review, the driver that takes them, and the arrays for accepted rows.
 
     They are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive` takes steps, from the
     `laws`; see `STEPS`. `reals` are the numbers of the run and then its floors, and `counts` its counts; `kept_reals`
@@ -225,7 +223,7 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Write the steps as rows; return `GO_ON`, or their outcome if that ends the loop."""
+        """Write the waiting steps as rows; return `GO_ON`, or their outcome if it ends the loop."""
         run, n, times = self.event_run, self.dimension, self.times
         self.write_rows(run.count)
         run.since, run.ahead = run.since + run.count, min(run.ahead * 2, run.longest)
@@ -245,9 +243,9 @@ class Waiting:
 
     @inline
     def go_back(self, kept: int, t: float, state: In, length: float) -> None:
-        """Keep the first steps, the last one up to a time and a state; the next step begins a motion of its own.
+        """Keep the first steps, and set the run to a time and state on the next one; there a new motion begins.
 
-        `length` is the length of the step in which this is.
+        `length` is the length of the step that contains this time.
         """
         run, reals, counts, n = self.event_run, self.reals, self.counts, self.dimension
         self.times[kept + 1] = t
@@ -269,7 +267,7 @@ class Waiting:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Reset the floors to those from before the steps, raised by the rows that are left of these."""
+        """Reset the floors to their values before the steps, and raise them by the rows that are kept."""
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
             size = 0.0
@@ -301,7 +299,7 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return the samples of a number of the steps that wait, from a row on."""
+        """Return the samples of some waiting steps, from row `first` on."""
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
         return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
@@ -322,10 +320,10 @@ def loop_type() -> Bundle:
 
 @procedure(loop=loop_type)
 def event_steps(loop: EventLoop) -> int:
-    """Take and review steps up to an irregular event, or the end; return an `Outcome`, `LOOK` or `READ_EVENTS`.
+    """Take and review steps until an irregular event, or the end; return an `Outcome`, `LOOK` or `READ_EVENTS`.
 
-    `Outcome.WATCHED` says that the state stands at a change of the motion that is due. The loop goes on where it ended:
-    steps that the caller has reviewed in the meantime are not reviewed again.
+    `Outcome.WATCHED` means that the state is at a change of the motion that the caller has to make. A further call
+    continues where this one ended: steps that the caller has reviewed in the meantime are not reviewed again.
     """
     run, found, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
     code = GO_ON
@@ -347,7 +345,7 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Review the steps that wait, and return why that ended; `begin` is the first that is not reviewed."""
+    """Review the waiting steps from number `begin` on, and return the reason why the review ended."""
     waiting, found = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
     steps = run.count + 1 - shift
@@ -363,7 +361,7 @@ def review_steps(loop: EventLoop) -> int:
 
 @inline
 def go_back(loop: EventLoop) -> None:
-    """Set the state to the change on the step `begin`; at an end of the step that is the accepted state."""
+    """Set the state to the change of the motion on step `begin`; at the end of the step that is the accepted state."""
     waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
     run, n, step, s, slot = (
         waiting.event_run,
@@ -388,9 +386,9 @@ def go_back(loop: EventLoop) -> None:
 
 @procedure(apart=True, loop=loop_type)
 def reset(loop: EventLoop) -> bool:
-    """Apply the reset that is due at the state, if it is regular; return false, and change nothing, if it is not.
+    """Apply the pending reset at the state if it is regular; else change nothing and return False.
 
-    In `scratch` are the new state, the events before and after, and the results of all resets.
+    `scratch` has room for the new state, the events before and after, and the results of all resets.
     """
     waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
     run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
@@ -489,7 +487,7 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Keep the sign of an event function that the reset does not change; else set it to 0, which is not known.
+    """Keep the sign of an event function that the reset does not change; else set it to 0, unknown.
 
     `values` are those of the event before and after. See `lagrange.trajectory.events.motion_start` for the rule.
     """

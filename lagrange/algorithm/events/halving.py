@@ -1,4 +1,4 @@
-"""Bernstein coefficients of a polynomial: their signs bound how often it passes through zero; and those of halves."""
+"""Bernstein coefficients of a polynomial, whose signs bound its number of roots, and their subdivision."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, magnitude, quotient
 
 AT_ONCE = 4
-"""Passes of a triangle of sums that are taken in one: each number is read and written once for all."""
+"""Passes of a triangle of sums that are done in one loop, so that each number is read and written once for all."""
 
 
 @inline
@@ -55,7 +55,7 @@ def add_four_times(b: Out, count: int) -> None:
 
 @procedure
 def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float]:
-    """Return whether coefficients allow at most one passage through zero, the last sign, and the largest size.
+    """Return True if coefficients allow at most one sign change, their last sign, and their largest size.
 
     `first` is the sign of the first one, as decided for the interval before: round-off must not decide it twice.
     """
@@ -76,7 +76,7 @@ def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float
 
 @procedure(apart=True)
 def halve(b: Out, count: int, left: Out) -> None:
-    """Turn Bernstein coefficients into those of the right half, and write those of the left, by de Casteljau."""
+    """Replace Bernstein coefficients by those of the right half, and write those of the left half, by de Casteljau."""
     for done in range(1, count):
         left[done - 1] = b[0]
         for j in range(count - done):

@@ -1,4 +1,4 @@
-"""A polynomial on [0, 1] from its coefficients: its values and slopes, and the place where it changes its sign."""
+"""Polynomials on [0, 1]: values, derivatives, and the place where a polynomial changes its sign."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ CHAINS = 4
 """Number of partial sums of a polynomial, each in powers of s**4, to hide the latency of additions."""
 
 PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
-"""Memory for the coefficients of a polynomial, with zeros up to whole blocks of `CHAINS`."""
+"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS`, filled with zeros."""
 
 
 @inline
@@ -57,7 +57,7 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 
 @procedure(apart=True)
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
-    """Return where a polynomial takes on a sign between two places, or the end closest to it."""
+    """Return where a polynomial reaches a sign between two places; the end nearest to it if there is no such place."""
     side = float(sign)
     below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
     above, last_rate = tuple(side * x for x in evaluate((c, slopes), count, end))
@@ -74,10 +74,10 @@ Pair = tuple[float, float]
 
 @inline
 def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
-    """Return where a function is zero between two places whose inverse is a cubic polynomial, by values and slopes.
+    """Return the zero of a function between two places, by the cubic that interpolates the inverse function.
 
-    These are the divided differences of the inverse for the two values, each of them twice. Where a slope does not
-    rise, or the result is not between the places, it is where the chord is zero.
+    It is computed from values and slopes by divided differences of the inverse, each value taken twice. If a slope does
+    not rise, or the result is not between the places, the zero of the chord is returned.
     """
     begin, end = places
     below, above = values
@@ -93,9 +93,9 @@ def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
 
 @procedure(apart=True)
 def approach(c: In, slopes: In, count: int, begin: float, end: float, start: float, sign: int) -> float:
-    """Return where a polynomial takes on a sign between two places, from a place `start` near it.
+    """Return where a polynomial reaches a sign between two places, by Newton's method from the place `start`.
 
-    Newton's method, and bisection where it would leave the bracket or does not halve its steps.
+    A step that leaves the bracket, or does not halve the step before, is replaced by bisection.
     """
     side = float(sign)
     low, high, place = begin, end, start
@@ -124,7 +124,7 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
 
 @procedure(apart=True)
 def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
-    """Return where a polynomial takes on a sign between two places, by `crossing`, from its coefficients alone."""
+    """Return where a polynomial reaches a sign between two places, from its coefficients alone; see `crossing`."""
     slopes = reals(PADDED)
     derivative(c, count, slopes)
     return crossing(c, slopes, count, low, high, sign)

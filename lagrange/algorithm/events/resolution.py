@@ -1,4 +1,4 @@
-"""A function on a step as a polynomial, where its values at Chebyshev's points tell it to round-off."""
+"""A function on a step as a polynomial: computed from samples at Chebyshev points, if these resolve it to round-off."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Reals = tuple[float, ...]
 
 @inline
 def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
-    """Return the sum of terms, each times its weight; spare weights are ignored."""
+    """Return the sum of the terms, each times its weight; weights without a term are ignored."""
     total = terms[0] * weights[0]
     for term, weight in zip(terms[1:], weights[1:], strict=False):
         total = fma(term, weight, total)
@@ -26,7 +26,8 @@ def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
 def transform(values: Reals) -> Reals:
     """Return Chebyshev coefficients from the values at the nodes.
 
-    Polynomials of even rank are even about the middle, the others odd: half of the products.
+    Polynomials of even degree are symmetric about the middle, the others antisymmetric, so half of the products
+    suffice.
     """
     degree = len(values) - 1
     middle = degree // 2
@@ -38,7 +39,7 @@ def transform(values: Reals) -> Reals:
 
 @inline
 def keeps_sign(coefficients: Reals, noise: float) -> bool:
-    """Return true if the Chebyshev coefficients of a function show that it keeps its sign.
+    """Return True if the Chebyshev coefficients of a function show that it keeps its sign.
 
     The unresolved part is estimated as eight times the last coefficients.
     """
@@ -51,7 +52,7 @@ def keeps_sign(coefficients: Reals, noise: float) -> bool:
 
 @inline
 def largest(values: Reals) -> float:
-    """Return the largest size of some numbers, NaN if one is."""
+    """Return the largest magnitude of some numbers, NaN if one is NaN."""
     size = values[0]
     for number in values[1:]:
         size = magnitude(size, number)

@@ -31,16 +31,16 @@ from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Wr
 
 @record
 class Relay:
-    """What the search has met up to a place in the step."""
+    """Record of the search at a place in the step: the last sign, and how near the function came to zero since then."""
 
     found: int
     """Number of roots, also of those for which there is no room."""
 
     sign: int
-    """The last sign beyond doubt, 0 if there was none."""
+    """The last sign beyond the noise, 0 if there was none."""
 
     low: float
-    """Place in [0, 1] of that sign."""
+    """Place in [0, 1] where the function had that sign."""
 
     near: int
     """1 if the function has come to zero within its noise since then."""
@@ -52,12 +52,15 @@ class Relay:
     """Its value there, times the sign."""
 
     counted: int
-    """1 while it leaves a root at the start that the step before has counted."""
+    """1 until the function has left a root at the start that belongs to the step before."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """A polynomial of `count` coefficients `c` on [0, 1], known to `doubt`, and where its roots are written."""
+    """Root isolation of a polynomial with coefficients `c` on [0, 1], and the arrays for its roots.
+
+    The `count` coefficients are known up to `doubt`.
+    """
 
     c: Readable[float]
     count: int
@@ -70,7 +73,7 @@ class Search:
 
     @inline
     def reach(self, place: float, sign: int) -> None:
-        """Meet a sign at a place."""
+        """Process a sign of the function at a place."""
         if unlikely(sign == 0):
             self.come_near(place)
         else:
@@ -78,7 +81,7 @@ class Search:
 
     @inline
     def come_near(self, place: float) -> None:
-        """Meet a place within the noise; the one where the function is least on its side is kept."""
+        """Process a place within the noise; the place where the function is least on its side is stored."""
         relay = self.relay
         if relay.counted == 0:
             depth = float(relay.sign) * value(self.c, self.count, place)
@@ -89,7 +92,10 @@ class Search:
 
     @inline
     def count_sign(self, place: float, sign: int) -> None:
-        """Count a sign beyond the noise: after the other one it is a crossing, after the same a touch or nothing."""
+        """Process a sign beyond the noise.
+
+        After the opposite sign it is a crossing, after the same sign a touch or nothing.
+        """
         relay = self.relay
         before = relay.sign
         if sign == -before:
@@ -103,7 +109,7 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return where the function turns back between the place where it last counted and another."""
+        """Return where the function turns back, between its last sign beyond the noise and another place."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
 
@@ -188,7 +194,7 @@ def begin(search: Search, first: int, sign: int, near: bool) -> None:
 
 @inline
 def isolate(search: Search, first: int, others: float, rates: float, end: float) -> None:
-    """Go through the parts of the step in order, and halve those that may have more than one root.
+    """Visit the parts of the step in order, and halve those that may have more than one root.
 
     `first` is the sign at the start, `end` the value at the end, and `others` and `rates` are sums of terms; see
     `scaling.Sums`.

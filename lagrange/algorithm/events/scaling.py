@@ -1,4 +1,4 @@
-"""The coefficients of an event function in units of the step, and what they tell of where it may vanish."""
+"""Coefficients of an event function in units of the step, scaled against overflow, and sums of their magnitudes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ derivative's terms, and the value at the end of the step."""
 
 @inline
 def is_plain_step(h: float, count: int) -> bool:
-    """Return true if powers of a step are far from overflow and underflow."""
+    """Return True if powers of a step are far from overflow and underflow."""
     return abs(h) > 1e-6 and abs(h) < 1e6 and count <= MODEST
 
 
 @inline
 def is_plain(total: float, noise: float) -> bool:
-    """Return true if terms with a sum of sizes `total`, and their noise, are far from overflow and underflow."""
+    """Return True if terms with a sum of magnitudes `total`, and their noise, are far from overflow and underflow."""
     return total > 1e-100 and total < 1e100 and noise >= 0.0 and noise < 1e100
 
 
@@ -90,6 +90,6 @@ def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> 
 
 @inline
 def lowered(x: float, power: int) -> float:
-    """Return a number times a power of two up to 1; a result far below the largest becomes zero."""
+    """Return a number times a power of two of at most 1; results far below the largest become zero."""
     # The exponent of zero may be above that of the largest.
     return 0.0 if power < -1000 else x * two_to(min(max(power, -1000), 0))

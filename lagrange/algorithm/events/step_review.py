@@ -1,4 +1,6 @@
-"""Events along many steps, block by block: most keep their sign on a step, and zeros of the others are isolated.
+"""Review of many steps for events, block by block.
+
+Functions that keep their sign on a step are excluded; zeros of the others are isolated.
 
 An irregular event ends the review before its step: one without a value, one that is not resolved, one that starts at
 zero and does not leave at once, or several that change the motion at one time.
@@ -13,12 +15,12 @@ from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import WholesOut, unlikely, wholes
 
 QUEUE = 256
-"""Steps that are screened before those of them that are doubtful are looked at closely."""
+"""Number of steps that are screened before the doubtful ones among them are examined."""
 
 
 @procedure(samples=samples_type, watch=lambda: Bundle(Watch, {}))
 def review(samples: Samples, watch: Watch) -> int:
-    """Review steps, times (S+1,) and states (S+1, 2n), and return why that ended.
+    """Review steps, times (S+1,) and states (S+1, 2n), and return the reason why the review ended.
 
     It writes the event, the time and the state of each zero that counts. If a zero that changes the motion ended the
     review, it is written after them and not counted.
@@ -54,7 +56,7 @@ def review(samples: Samples, watch: Watch) -> int:
 def queue_block(
     samples: Samples, lines: Lines, watch: Watch, places: WholesOut, first: int, queue: WholesOut, filled: int
 ) -> int:
-    """Add the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
+    """Append the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
     end, is_bad = watch.review.end, False
     for b in range(LANES):
         places[b] = min(first + b, end - 1)

@@ -1,4 +1,4 @@
-"""Samples of events along a block of steps, and which of them they leave in doubt."""
+"""Samples of event functions on a block of steps, and the decision on which steps they may vanish."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ SLOPE_AT = 0.5 - 12**-0.5
 """Point of the largest slope of s**2 (1 - s)**2."""
 
 MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
-"""The largest value of s**2 (1 - s)**2 in units of its largest slope."""
+"""Largest value of s**2 (1 - s)**2, relative to its largest slope."""
 
 SAFELY = 4.0
-"""Safety factor of the estimated error of a cubic; like all noise it is multiplied by four as well."""
+"""Safety factor of the estimated error of a cubic; like all noise it is multiplied by four in addition."""
 
 UNRESOLVED = 0.02
 """A cubic that misses more than this fraction of the change of an entry of the state cannot exclude events."""
@@ -44,10 +44,10 @@ Reals = tuple[float, ...]
 
 
 class Widths(NamedTuple):
-    """Number of columns at which a block of steps is sampled.
+    """Numbers of columns, one per sample, for a block of steps.
 
-    `wide` are those at first, at the nodes and moved by rounding at both ends, `full` those of the full degree, and
-    `part` those of a part of one step.
+    `wide` is for the first samples, at few nodes and at both ends moved by rounding; `full` is for all nodes of the
+    block; `part` is for the nodes of a part of one step.
     """
 
     wide: int
@@ -62,11 +62,11 @@ class Widths(NamedTuple):
 
 @dataclass(frozen=True)
 class Lines:
-    """Work memory of the samples: times and states by columns, then lines with the columns of each event.
+    """Work memory for samples: times and states by columns, then arrays with a column for each event.
 
-    `far` is 1.0 if a cubic says nothing of a step. `missed` and `moved` are the events at the starts of steps, moved by
-    what the cubic may miss, and by a small part of the range of the state. `noise` and `edge_end` are their errors on
-    a step and at its end, and `doubtful` is 1.0 if an event may vanish.
+    `far` is 1.0 for a step whose cubic cannot exclude events. `missed` and `moved` are the event functions at the
+    starts of steps, with the state moved by the error of the cubic, and by a small part of its range. `noise` and
+    `edge_end` are the errors of events on a step and at its end, and `doubtful` is 1.0 if an event may vanish.
     """
 
     t_end: Out
@@ -138,7 +138,7 @@ class Samples:
 
     @inline
     def lines(self) -> Lines:
-        """Return the arrays in work memory."""
+        """Return the arrays in the work memory."""
         arrays: tuple[Any, ...] = ()
         rest = self.work
         for size in sizes_of(self.dimension, self.events, self.columns):
@@ -152,7 +152,7 @@ class Samples:
 
     @inline
     def each_column(self) -> Iterator[int]:
-        """Go through the steps of the block."""
+        """Loop over the steps of the block."""
         yield from each(self.columns, width=self.columns, disjoint=True)
 
     @inline
@@ -165,7 +165,10 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, places: WholesIn) -> bool:
-        """Write the dense output of a block, and which events may vanish on it; return true if some have no value."""
+        """Write the dense output of a block, and which events may vanish on it.
+
+        The result is True if some event has no value.
+        """
         self.gather(lines, places, self.both)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
         return self.find_doubtful(lines, self.degree, screening=False)
@@ -175,7 +178,7 @@ class Samples:
         """Write which events may vanish on a block, by the cubics through the ends of its steps and their defects.
 
         A cubic misses K s**2 (1 - s)**2 of the path, and its slope most at `SLOPE_AT`: the defect there gives K. The
-        result is true if events have no value, or a mass matrix is singular.
+        result is True if events have no value, or a mass matrix is singular.
         """
         self.gather(lines, places, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -311,7 +314,7 @@ class Samples:
 
 
 def samples_type(*without: str) -> Bundle:
-    """Return the type of samples among the arguments of a procedure, without some fields."""
+    """Return the type of a `Samples` parameter of a procedure; the fields `without` are left out."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
     types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=LANES))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
@@ -337,7 +340,7 @@ def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -
 
 @inline
 def extent(values: Reals) -> tuple[float, float]:
-    """Return the least and the largest of some numbers, without NaN."""
+    """Return the least and the largest of some numbers, ignoring NaN."""
     low = high = values[0]
     for value in values[1:]:
         low, high = value if value < low else low, value if value > high else high

@@ -1,4 +1,6 @@
-"""Zeros of events on one step, in order, up to the first that changes the motion: it is to happen alone.
+"""Zeros of events on one step, in order, up to the first that changes the motion.
+
+That zero must be isolated from all others in time.
 
 An event that starts at zero where the motion starts is divided by time, less its value there: its zero there is known,
 and the next may be close. What it is at the start stays subtracted on the whole step.
@@ -45,10 +47,10 @@ ENDED, IRREGULAR, CHANGED, CROWDED = range(4)
 changes; before a step whose zeros may not fit into the arrays."""
 
 UNKNOWN, ANYHOW = 0, 5
-"""Codes in place of a direction, for an event that starts at zero: the caller decides what happens; nothing does."""
+"""Codes in place of a direction, for an event that starts at zero: decided by the caller; ignored."""
 
 MOST_ZEROS = 128
-"""Most zeros on one step that a review handles."""
+"""Largest number of zeros on one step that a review handles."""
 
 
 Part = tuple[float, float, int, float, float]
@@ -57,7 +59,7 @@ Part = tuple[float, float, int, float, float]
 
 @record
 class Review:
-    """Inputs and outputs of a review."""
+    """Record of a review: the steps to review, and the reason and place where it ended."""
 
     begin: int
     """First step that it goes through."""
@@ -81,13 +83,13 @@ class Review:
     """Number of zeros that count and are written, with those from before."""
 
     step: int
-    """Step in front of which the review ended."""
+    """Step before which the review ended."""
 
     event: int
     """Index of the event that changes the motion on it."""
 
     way: int
-    """Direction of its zero."""
+    """Direction of the zero of that event."""
 
     place: float
     """Fraction of the step at which that zero is."""
@@ -149,10 +151,10 @@ class StepZeros:
 
     @inline
     def begin_at_zero(self, step: int) -> bool:
-        """Note which events start at zero in the first step of a block; return true if that is irregular.
+        """Note which events start at zero in the first step of a block; return True if one of them is irregular.
 
-        One with a reset has to come from there. An event whose side is known passes zero there, or does not, as at any
-        joint of two steps.
+        An event with a reset is regular only if the reset led to that zero. An event whose side is known is treated as
+        at any joint of two steps.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -186,7 +188,7 @@ class StepZeros:
 
     @inline
     def visit(self, step: int, b: int, is_bad: bool) -> int:
-        """Isolate the zeros on a step, in its column; return `ENDED`, or why the review ends in front of it.
+        """Isolate the zeros on a step; return `ENDED`, or the reason why the review ends before it.
 
         A step that ends the review leaves all records unchanged, unless the motion changes on it. `is_bad` is true if
         some event has no value on the block.
@@ -314,7 +316,7 @@ class StepZeros:
 
     @inline
     def first_change(self, count: int) -> int:
-        """Return the number of the first zero that changes the motion, -1 if none does; count those that count."""
+        """Return the index of the first zero that changes the motion, -1 if none does; count the zeros that count."""
         change = -1
         for j in range(count):
             if change < 0 and self.counts(j):
@@ -326,7 +328,7 @@ class StepZeros:
 
     @inline
     def counts(self, j: int) -> bool:
-        """Return true if a zero has the direction that counts."""
+        """Return True if zero number `j` has a direction that counts."""
         expected, way = self.watch.direction[self.events[j]], self.directions[j]
         return expected == 0 or expected == way
 
@@ -360,7 +362,7 @@ class StepZeros:
 
     @inline
     def stays_clear(self, b: int) -> bool:
-        """Return true if events that started at zero clear the value that they had there by the end of the step."""
+        """Return True if events that started at zero exceed the value that they had there by the end of the step."""
         is_clear, columns = True, self.samples.columns
         for e in range(self.samples.events):
             if unlikely(self.starting[e] != 0):
@@ -371,7 +373,7 @@ class StepZeros:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Write those of `count` zeros that count and are before a fraction of the step."""
+        """Write the zeros, of `count`, that count and are before a fraction of the step."""
         for j in range(count):
             time = self.times[j]
             if time < before and self.counts(j):

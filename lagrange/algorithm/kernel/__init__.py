@@ -1,1 +1,1 @@
-"""Straight-line programs as procedures: one part runs once for a set of parameters, the other at every state."""
+"""Straight-line programs as procedures: a part that runs once for each set of parameters, and a part for each state."""

@@ -28,12 +28,12 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """Treatment of linear systems in a procedure.
+    """How linear systems are printed in a procedure.
 
     Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
-    Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out;
-    systems in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails if a pivot in
-    the given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
+    Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out; systems
+    in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails if a pivot in the
+    given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
     """
 
     largest: int = WRITTEN_OUT
@@ -46,7 +46,7 @@ class Style:
 
 
 SOURCE = Style()
-"""Source text, for compilers that optimize."""
+"""Style for source text in other languages, whose compilers optimize."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Body:
         self.p, self.program, self.inputs, self.style = p, program, inputs, style
         self.values: dict[int, Any] = {}
         self.places = {one: ref for ref, one in enumerate(program.instructions) if one.op in ANGLES}
-        """The sines and cosines of the program."""
+        """Instructions that compute a sine or a cosine of the program, with their numbers."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
         """Solutions in memory, with entries that are read at their use."""
@@ -123,7 +123,7 @@ class Body:
             self.restore(ref, one, inputs.slots[ref])
 
     def known(self, ref: int) -> bool:
-        """Return whether a result has been read or computed."""
+        """Return True if the value of a result is already in the procedure."""
         return any(ref in known for known in (self.values, self.vectors, self.factors, self.later))
 
     def _named(self, ref: int, value: Any) -> Any:
@@ -166,7 +166,7 @@ class Body:
         return Factored(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write a prepared result."""
+        """Write a hoisted result to the prepared array."""
         one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if one.op == "factor":
             held = self.factors[ref]
@@ -278,7 +278,7 @@ class Body:
         return factors
 
     def right(self, ref: int) -> list[Real | None]:
-        """Return the right-hand side of a system, None for zero."""
+        """Return the right-hand side of a system; None for an entry that is zero."""
         args, code = self.program.instructions[ref].args[1:], self.program.instructions
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
@@ -315,7 +315,7 @@ class Body:
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
     def stands_in_rows(self, group: SolveGroup) -> bool:
-        """Return whether the right-hand sides of a group are adjacent columns in memory."""
+        """Return True if the right-hand sides of a group are stored as adjacent columns in memory."""
         plan = self.program.eliminations[group.factor]
         return self.style.side_by_side and not written_out(plan, self.style.largest)
 

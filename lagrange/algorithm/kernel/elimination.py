@@ -64,7 +64,7 @@ def _trusted(
 
 
 def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real | None:
-    """Return value - sum of products, None for zero."""
+    """Return value minus the sum of products; None stands for zero."""
     for left, right in products:
         value = -(left * right) if value is None else value.builder.fnma(left, right, value)
     return value
@@ -91,7 +91,7 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 
 
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
-    """Return whether a solution satisfies the rows of the multipliers, one flag for each row.
+    """Return for each multiplier a flag: True if the solution satisfies its row.
 
     If inertias differ by many digits, pivots are large and the solution can still be wrong: the force on a light body
     is the difference of two forces that nearly cancel.

@@ -68,7 +68,7 @@ def written_out(plan: Elimination, largest: int = WRITTEN_OUT) -> bool:
 
 
 def width_of(program: Program, ref: int, largest: int = WRITTEN_OUT) -> int:
-    """Return the number of reals that a result takes."""
+    """Return the number of doubles that a result takes in the prepared array."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]

@@ -25,7 +25,7 @@ def row_stride(n: int) -> int:
 
 
 def inversion(n: int) -> Procedure:
-    """Return the inversion of matrices of order n; `scratch` takes three rows."""
+    """Return the procedure that inverts matrices of order n. Its memory `scratch` takes three rows."""
     return invert_matrix.form(n=n)
 
 
@@ -65,7 +65,7 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
 
 @inline
 def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
-    """Write the reciprocal size of each row and column."""
+    """Write the reciprocal size of each row and of each column."""
     stride = row_stride(n)
     for j in each(n, spill=True):
         columns[j] = 1.0
@@ -117,14 +117,14 @@ def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride
 
 @inline
 def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
-    """Return the larger of each two sizes, with its row."""
+    """Return for each pair of candidates the larger size, with its row."""
     pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
     return (*pairs, found[-1]) if len(found) % 2 else pairs
 
 
 @inline
 def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
-    """Return the larger of two sizes, with its row."""
+    """Return the candidate with the larger size, a size with its row."""
     larger = b[0] > a[0]
     return b[0] if larger else a[0], b[1] if larger else a[1]
 

@@ -28,7 +28,7 @@ def work_size(n: int) -> int:
 
 @inline
 def aligned(k: int) -> int:
-    """Return the index of the vector that contains an index."""
+    """Return the index at which the vector begins that contains an index."""
     return quotient(k, WIDTH) * WIDTH
 
 

@@ -62,10 +62,10 @@ def table_of_points() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Expressions, `size` of them, of some `entries` of the state, and the reductions of their values along a run.
+    """Expressions along a run and their reductions.
 
-    `kernel` is a procedure of time, state, numbers and results. `reductions` are pairs of "max", "min" or "mean" and
-    the index of an expression.
+    `size` expressions depend on some `entries` of the state. `kernel` is a procedure of time, state, numbers and
+    results. `reductions` are pairs of "max", "min" or "mean" and the index of an expression.
     """
 
     kernel: Procedure
@@ -147,9 +147,10 @@ class Along:
 
 
 def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the procedure that samples expressions on a step: their values at its end, `ahead`, and `tried`.
+    """Return the procedure that samples expressions on a step.
 
-    `tried` is the integral over the step, or the largest value so far; `now` has the values at the beginning.
+    It writes their values at the end of the step, `ahead`, and `tried`: the integral over the step, or the largest
+    value so far. `now` has the values at the beginning.
     """
     p = Builder("follow_step", "Look at expressions along a step.")
     t, end, h, ratio = (p.given(name, REAL) for name in ("t", "end", "h", "ratio"))
@@ -238,7 +239,7 @@ class _Raised:
         return found
 
     def bracket(self, j: Whole, inner: Flag, first: Flag) -> None:
-        """Write the points around a maximum, and search there."""
+        """Write the bracket of three points around a maximum, and search in it."""
         p, sign = self.p, self.sign
         begin = p.choose(inner | first, j - 1, j)
         end = p.choose(inner, j + 1, begin + 1)

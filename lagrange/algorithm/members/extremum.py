@@ -89,7 +89,7 @@ class _Search:
             kept["before"][i], kept["moved"][i] = high - low, high - low
 
     def wide(self, i: Whole) -> Flag:
-        """Return whether a bracket is wider than the resolution."""
+        """Return True if a bracket is wider than the resolution."""
         low, high, x = (self.kept[name][i] for name in ("low", "high", "x"))
         found: Flag = abs(x - (low + high) * 0.5) > 2.0 * RESOLUTION - (high - low) * 0.5
         return found
@@ -103,7 +103,10 @@ class _Search:
         return found
 
     def choose_places(self) -> None:
-        """Choose the next point: the vertex of the parabola through the best three, else by the golden section."""
+        """Choose the next point of each bracket.
+
+        It is the vertex of the parabola through the best three points, or given by the golden section.
+        """
         p, kept = self.p, self.kept
         with p.each(self.count) as i:
             names = ("low", "high", "x", "w", "v", "fx", "fw", "fv", "before", "moved")

@@ -70,7 +70,7 @@ class FirstOccurrences:
 
 
 class Occurrences(FirstOccurrences):
-    """The search for events of a member, in memory of a procedure; adds its parameters."""
+    """Search for the events of a member, in memory of a procedure, to which it adds its parameters."""
 
     def __init__(self, p: Builder, events: Events, dimension: int) -> None:
         super().__init__(p, events.events, dimension)
@@ -118,7 +118,7 @@ class Occurrences(FirstOccurrences):
         self.taken.value = 0
 
     def take(self, member: Whole) -> None:
-        """Copy the events on proven steps."""
+        """Copy the events on proven steps to the results."""
         p, record = self.p, self.record
         with p.when(record.done > self.taken.value, likely=False):
             with p.repeat(lambda: self.taken.value < record.done):

@@ -92,7 +92,7 @@ class StepPath:
 
 
 class StepCoefficients:
-    """The polynomial of a member's step, in memory of a procedure: the same dense output as in single runs."""
+    """Coefficients of the polynomial of a member's step, in memory of a procedure; the same as in single runs."""
 
     def __init__(self, p: Builder, dense: DenseOutput, dimension: int) -> None:
         kind = dense.kind

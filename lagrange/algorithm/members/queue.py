@@ -22,7 +22,7 @@ LANE = "lane"
 """The argument that differs from lane to lane; all others are common."""
 
 COUNTED = ("steps", "rejected", "evaluations")
-"""The counts that are returned for each member."""
+"""Names of the counts that are returned for each member."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Members(ABC):
         return p.finish()
 
     def without_sizes(self, outcome: Whole) -> Whole:
-        """Return an outcome, but PAUSED if a run under way requests the sizes of its entries: it continues without.
+        """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without a survey of sizes.
 
         Sizes would only raise floors, so its steps are at most shorter. A run ends if it cannot begin without them, or
         if an entry may be rounding: its steps would shrink to nothing.

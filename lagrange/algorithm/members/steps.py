@@ -95,12 +95,12 @@ class StepMembers(Members):
 
     @property
     def along(self) -> Along | None:
-        """The reductions of expressions along the run, or None."""
+        """Reductions of expressions along the run, or None if none were requested."""
         return None if self.follower is None else self.follower.along
 
 
 class _Follower:
-    """Follows steps of members by their polynomials: states at output times, and expressions along a run."""
+    """Follows the accepted steps of members by dense output: writes outputs and samples expressions."""
 
     def __init__(self, members: StepMembers, dense: DenseOutput, sampled: Sampled | None) -> None:
         p = self.p = members.p
@@ -172,7 +172,7 @@ class _Follower:
         return found
 
     def put(self, state: Memory) -> None:
-        """Set the state, whose vectors need not be adjacent."""
+        """Set the member's state from an array; its vectors need not be adjacent in memory."""
         parts = self.members.state
         length = self.dimension // len(parts)
         for k, part in enumerate(parts):

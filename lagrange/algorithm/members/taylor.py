@@ -60,7 +60,7 @@ class TaylorMembers(Members):
 
     @property
     def attempts(self) -> Whole:
-        """Number of trial steps, including the one that is not proven."""
+        """Number of trial steps, including the last one, which is not proven yet."""
         found: Whole = super().attempts + self.before.unproven
         return found
 

@@ -1,9 +1,8 @@
-"""Whether Newton's method has converged, and whether its matrix still serves.
+"""Tests of Newton's method: whether it has converged, and whether its matrix can be kept.
 
 An equal step is solved to round-off, a step with error control far below its tolerance. After a correction the error is
 estimated as the rest of a geometric series, with the contraction rate of the last two corrections, or that of the
-previous step.
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+previous step. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def assess_correction(
 
 @inline
 def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
-    """Whether the estimated error is small enough, or two corrections in a row are round-off."""
+    """Return True if the estimated error is small enough, or two corrections in a row are round-off."""
     bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
     small = norm * rate <= (1.0 - rate) * bound
     return small if adaptive else small or larger(norm, previous) <= newton.noise

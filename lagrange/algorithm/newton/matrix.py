@@ -22,10 +22,8 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrol
 from lagrange.program.actions import LAWS, Combination, LawCall
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
-"""The matrix that must be regular for a law to determine the motion: rows of blocks by result and argument.
-
-It is M = dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding.
-"""
+"""Rows of blocks, by (result, argument), of the matrix that must be regular for a law to determine the motion. It is M
+= dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding."""
 
 
 class Coefficients:
@@ -43,7 +41,7 @@ class Coefficients:
 
         pairs = [(residual, stated.first + j) for residual in stated.residuals for j in range(stated.count)]
         self.identity = [factor(residual, z) for residual, z in pairs]
-        """beta."""
+        """Factor beta of each unknown in each residual."""
 
         blocks = {
             (r, s): [product(residual, r, s, z) for residual, z in pairs]
@@ -51,7 +49,7 @@ class Coefficients:
             for s in range(law.arguments)
         }
         self.blocks = {block: nodes for block, nodes in blocks.items() if any(node is not zero for node in nodes)}
-        """g, by the result and the argument of a block of the derivative, without blocks that no residual has."""
+        """Factors g by (result, argument) of a block of the derivative, for blocks that occur in some residual."""
 
         self.shares = [
             [factor(residual, call.first + r) for call in stated.calls]
@@ -141,7 +139,7 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return a column of a block of the derivative: of result r by argument s."""
+        """Return a column of the block of the derivative of result r by argument s."""
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 

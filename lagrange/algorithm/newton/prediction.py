@@ -1,4 +1,4 @@
-"""What a solve keeps of previous steps, and the initial guess that it computes from them.
+"""Initial guesses of Newton's method, from the unknowns of previous steps.
 
 For equal steps these are backward differences of the unknowns. The polynomial through k values is extrapolated by the
 sum of the differences; the k-th difference at the next step is the error of that guess, which selects the best k.

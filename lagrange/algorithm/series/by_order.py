@@ -1,7 +1,7 @@
-"""The series in a loop over orders, each vector of values of the order at hand a value of its own.
+"""The series in a loop over orders, for members in lanes: one vector holds a value of all members.
 
-A row keeps what later orders read, each vector once. The values of the order at hand follow from the sums over lower
-orders in straight-line code. Members side by side have one value in a vector: the lanes are the members.
+Vectors of the present order are values of the procedure. A row in memory stores each vector that later orders read. The
+values of the present order follow from the sums over lower orders in straight-line code.
 """
 
 from __future__ import annotations
@@ -58,16 +58,16 @@ def by_order_scratch(packing: Packing) -> int:
 
 
 class ByOrderJet(LoopJet):
-    """Builds the procedure. `x` has the chunks of the order at hand."""
+    """Builder of the procedure. `x` has the chunks of the present order."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
         super().__init__(packing, numbers, layout or by_order_layout(packing), LARGEST_INVERSE)
         self.places = Row(packing, self.layout.watched_at).places
         self.x: dict[Chunk, Term] = {}
         self.operands: dict[Operand, Term] = {}
-        """The operands that have been brought side by side at the order at hand."""
+        """Operands that are gathered to vectors at the present order."""
         self.sums: dict[Pair, Term] = {}
-        """The sums at the order at hand."""
+        """Sums over lower orders at the present order."""
         self.row = self.previous = self.rows
 
     def build(self) -> Procedure:
@@ -97,7 +97,7 @@ class ByOrderJet(LoopJet):
         return p.finish(FLAG)
 
     def set_order(self, k: Whole) -> None:
-        """Build what depends on the order alone."""
+        """Build the numbers that depend on the order alone."""
         width = self.layout.width
         self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
@@ -108,7 +108,7 @@ class ByOrderJet(LoopJet):
             self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and drop operands that were built with trial values in their place."""
+        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
         depth = self.program.depth
         self.operands = {
             operand: x
@@ -157,14 +157,14 @@ class ByOrderJet(LoopJet):
             put(self.p, row, place, None if number is None else x(Operand((number,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return an operand at the order at hand."""
+        """Return an operand at the present order."""
         if operand not in self.operands:
             x = gathered(self.p, self.packing, operand, self.x.__getitem__)
             self.operands[operand] = x * self.rank if operand.ranked and x is not None else x
         return self.operands[operand]
 
     def before(self, operand: Operand) -> Term:
-        """Return an operand at the order before."""
+        """Return an operand at the previous order."""
         return entries(self.previous, self.places[operand], len(operand.values))
 
     def first(self, operand: Operand) -> Term:
@@ -174,7 +174,7 @@ class ByOrderJet(LoopJet):
         return self.at_zero(operand)
 
     def over(self, operand: Operand) -> Term:
-        """Return one over an operand at order 0."""
+        """Return 1 / (an operand at order 0)."""
         return self.reciprocals[operand]
 
     def start(self) -> Term:
@@ -183,7 +183,7 @@ class ByOrderJet(LoopJet):
 
 
 class _ByOrder(ChunkAt):
-    """A chunk at the order at hand; see `At`."""
+    """Source of the coefficients of one chunk at the present order; see `At`."""
 
     series: ByOrderJet
 
@@ -193,7 +193,7 @@ class _ByOrder(ChunkAt):
 
 
 def _kept(packing: Packing) -> Iterator[Operand]:
-    """Return the operands that later orders read: the factors of sums, and those read one order later."""
+    """Return the operands that later orders read: the factors of sums, and those read at the next order."""
     yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
     yield from (*packing.delayed, *packing.rates)
     if packing.lanes > 1:

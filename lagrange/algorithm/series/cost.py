@@ -14,12 +14,12 @@ from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.program.elimination import block_eliminations, is_factored
 
 HIGHEST_ORDER = 32
-"""The highest order to choose; the lowest is that of all steps."""
+"""Highest order that may be chosen; the lowest is `LOWEST_ORDER` of Taylor steps."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a step of order p, about in nanoseconds: fixed + each p + pairs p**2."""
+    """Cost of a step of order p, in about nanoseconds: fixed + each * p + pairs * p**2."""
 
     fixed: float
     each: float
@@ -36,7 +36,7 @@ of the order of least cost, and compile in 0.58 to 0.77 of its time.
 
 
 def best_order(cost: Cost, tolerance: float) -> int:
-    """Return the order p at which the cost of a step over its length, which goes like tolerance**(1/p), is least."""
+    """Return the order p with the least cost per length of step; the length grows like tolerance**(1/p)."""
     prices = {
         p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
         for p in range(LOWEST_ORDER, HIGHEST_ORDER + 1)
@@ -45,10 +45,8 @@ def best_order(cost: Cost, tolerance: float) -> int:
 
 
 MOST_OPERATIONS = 4000
-"""Most vector operations of a series that is written out.
-
-Beyond it the code does not fit the processor's cache, and compiling it takes more than a third of a second.
-"""
+"""Largest number of vector operations of a series that is printed without loops. A larger one does not fit the
+processor's cache, and takes more than a third of a second to compile."""
 
 
 ROUNDING_TOLERANCE, HIGHEST_ROUNDED = 1e-14, 16
@@ -69,12 +67,15 @@ def cheapest_order(packing: Packing, tolerance: float) -> int:
 
 
 def inverts(packing: Packing) -> bool:
-    """Return whether a mass matrix is inverted at each step."""
+    """Return True if a mass matrix is inverted at each step."""
     return any(stage.plan.inverted for stage in packing.stages)
 
 
 def inversion_size(packing: Packing, *, looped: bool) -> int:
-    """Return the cubes of the sizes of the matrices that are inverted at each step; in loops sparse ones are not."""
+    """Return the sum of n**3 over the matrices that are inverted at each step.
+
+    In loops sparse matrices are factored instead.
+    """
     plans = [stage.plan for stage in packing.stages if stage.plan.inverted]
     return sum(plan.size**3 for plan in plans if not (looped and is_factored(plan)))
 
@@ -101,7 +102,7 @@ def single_operations(packing: Packing, order: int) -> int:
 
 
 def is_large(packing: Packing, order: int) -> bool:
-    """Return whether a series is better computed in loops."""
+    """Return True if a series is cheaper in loops than printed without them."""
     return operations(packing, order) > MOST_OPERATIONS
 
 

@@ -1,4 +1,4 @@
-"""Memory of the values of a series at one order, like values side by side, and the lanes that rules read from it."""
+"""Layout of a series' values at one order in memory: like values are adjacent. Sources of coefficients for a lane."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ ALIGNED = 8
 
 
 NOWHERE = -1
-"""In the place of a home that is not known yet."""
+"""Index of a value whose place is not known yet."""
 
 
 class Image:
-    """The places of values at an order: the state, operands that later orders read, and behind `width` all others.
+    """Indices of the values of one order: the state, operands that later orders read, and after `width` all others.
 
     Later orders read the first `width` numbers only, which are a row. Rows begin at `first` in an aligned array. A
     chunk whose values are adjacent and in order somewhere is read there; others are `gathered` value by value.
@@ -49,7 +49,7 @@ class Image:
         self.size = whole_blocks(self.end, ALIGNED)
 
     def place_homes(self, wanted: dict[Operand, None] | None) -> None:
-        """Place the chunks that are computed, those that are among the wanted operands, or all that are left."""
+        """Choose indices for chunks that are computed: for those among the wanted operands, or for all the others."""
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
             if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
@@ -60,13 +60,13 @@ class Image:
                 self.places[chunk.whole] = begin
 
     def room(self, lanes: int) -> int:
-        """Return a place for a vector."""
+        """Reserve the indices of a vector, and return the first."""
         begin = whole_blocks(self.end + self.first, min(lanes, ALIGNED)) - self.first
         self.end = begin + lanes
         return begin
 
     def place(self, operand: Operand) -> None:
-        """Place an operand: where its values are adjacent and in order already, or after all others."""
+        """Choose the index of an operand: where its values are adjacent and in order already, or after all others."""
         if operand in self.places:
             return
         begin = self.homes.get(operand.values[0], NOWHERE)
@@ -77,9 +77,9 @@ class Image:
             self.gathered[operand] = None
 
     def runs(self, operand: Operand) -> Iterator[tuple[int, int, int]]:
-        """Return the values of an operand that stand side by side: the first lane, its place, and how many.
+        """Return the runs of adjacent values in an operand: the first lane, its index, and the length of each.
 
-        A lane that is zero stands nowhere.
+        A lane that is zero is in no run.
         """
         values, lane = operand.values, 0
         while lane < len(values):
@@ -90,7 +90,7 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return the value at each place that is read at order 0: in the row, and of what rules read there."""
+        """Return the value at each index that is read at order 0: in the row, or by a rule."""
         found = {place: value for place, value in self.repeated.items() if place < self.width}
         initial = dict.fromkeys(self.packing.initial)
         for operand, begin in self.places.items():
@@ -116,7 +116,7 @@ def arguments(chunk: Chunk) -> tuple[Operand, ...]:
 
 
 class Orders(Protocol):
-    """The parts of a series in a loop over orders that lanes read."""
+    """State of a series that is built in a loop over orders, as its lanes read it."""
 
     p: Builder
     program: SeriesProgram
@@ -129,13 +129,13 @@ class Orders(Protocol):
     divisors: dict[Operand, int]
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return an array from a place on."""
+        """Return the part of an array from an index on."""
 
     def array_of(self, place: int) -> Memory:
-        """Return the array in which a value of the order at hand stands."""
+        """Return the array that contains the present order's value with an index."""
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that coefficients are in all lanes, if it is known now."""
+        """Return the number that the coefficients equal in all lanes, if it is known at compile time, else None."""
 
     def share(self, x: Term) -> Term:
         """Return x scale / k."""
@@ -145,7 +145,7 @@ class Orders(Protocol):
 
 
 class ChunkLane:
-    """A lane of a chunk at an order; see `At`."""
+    """Source of the coefficients of one lane of a chunk; see `At`."""
 
     def __init__(self, jet: Orders, chunk: Chunk, i: Whole) -> None:
         self.jet, self.chunk, self.p, self.i = jet, chunk, jet.p, i
@@ -160,11 +160,11 @@ class ChunkLane:
         return found
 
     def now(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order at hand."""
+        """Return an argument's coefficient of the present order."""
         return self.read("now", self.jet.image.places[self.operand(which)])
 
     def before(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order before."""
+        """Return an argument's coefficient of the previous order."""
         return self.read("previous", self.jet.image.places[self.operand(which)])
 
     def first(self, which: int) -> Real:
@@ -176,11 +176,11 @@ class ChunkLane:
         return self.read("totals", self.jet.sums[self.chunk, which])
 
     def over(self, which: int) -> Real:
-        """Return one over an argument, or over the value itself, at order 0."""
+        """Return 1 / (an argument, or the value itself, at order 0)."""
         return self.read("reciprocals", self.jet.divisors[self.operand(which)])
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now."""
+        """Return a coefficient of the rule if it is known at compile time, else None."""
         return self.jet.common(self.chunk.coefficients[which])
 
     def constant(self, which: int) -> Real:
@@ -204,19 +204,19 @@ class ChunkLane:
 
 
 class ScatteredLane(ChunkLane):
-    """One lane of a linear combination, whose terms stand anywhere; see `At`."""
+    """Source of the coefficients of one lane of a linear combination whose terms are anywhere in memory; see `At`."""
 
     def __init__(self, jet: Orders, chunk: Chunk, lane: int) -> None:
         super().__init__(jet, chunk, jet.k)
         self.lane = lane
 
     def now(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order at hand."""
+        """Return an argument's coefficient of the present order."""
         home = self.jet.image.homes[self.chunk.args[which].values[self.lane]]
         return self.jet.array_of(home)[home]
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now."""
+        """Return a coefficient of the rule if it is known at compile time, else None."""
         return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
 
     def constant(self, which: int) -> Real:

@@ -1,4 +1,4 @@
-"""A whole integrator by Taylor series, as one procedure: its order, its series, its steps and their proof.
+"""A whole Taylor integrator as one procedure, for exports: choice of the order, series, steps and defect tests.
 
     taylor(t, t_end, y, p, rtol, atol, max_steps) -> how it ended, see `Outcome`
 
@@ -34,14 +34,12 @@ from lagrange.procedure.values import Real, Whole
 from lagrange.program.series import SeriesProgram
 
 LANES = 8
-"""Like values stand side by side in vectors of up to so many: the same text for every processor."""
+"""Width of the vectors of like values: constant, so that the text is the same for every processor."""
 
 MOST_WRITTEN_OUT = 5000
-"""Most operations of a series that is written out up to its highest order.
-
-A double pendulum has 2,700, 130 kB of C, which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long.
-With more, the values do not fit into registers: the outer solar system would take 2.5 times as long.
-"""
+"""Largest number of operations of a series that is printed without a loop up to its highest order. A double pendulum
+has 2,700, 130 kB of C, which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more, the
+values do not fit into registers: the outer solar system would take 2.5 times as long."""
 
 DIGITS, GRID = 53, 1060
 """Orders are compared at `GRID` + 1 tolerances from 1 to 2**-`DIGITS`, so that each order holds for several of them."""
@@ -75,17 +73,17 @@ class TaylorProcedures:
 
     @cached_property
     def packing(self) -> Packing:
-        """The values of the series side by side, for the choice of orders."""
+        """The packed series from which orders are chosen."""
         return pack(self.program, LANES)
 
     @cached_property
     def single(self) -> Packing:
-        """The values one by one, for a series that is written out or has lanes."""
+        """The series with single values, for code without loops and for lanes."""
         return pack(self.program, 1)
 
     @cached_property
     def aligned(self) -> Packing:
-        """The same with values together that are read together, for a series in a loop."""
+        """The series in which values that are read together are adjacent, for a loop over orders."""
         return pack(self.program, LANES, aligned=True)
 
     @cached_property
@@ -122,7 +120,7 @@ class TaylorProcedures:
 
     @cached_property
     def jet(self) -> tuple[Procedure, TaylorLayout]:
-        """The procedure of the series, and the layout of its memory."""
+        """The procedure that computes the series, and the layout of its memory."""
         jet: LoopedJet | WrittenJet
         if self.looped:
             jet = LoopedJet(self.aligned, self.numbers)
@@ -191,7 +189,7 @@ class TaylorProcedures:
         return run, counts
 
     def chosen(self, p: Builder, rtol: Real) -> Whole:
-        """Return the order for a tolerance, from the changes of the order."""
+        """Build the choice of the order for a tolerance, by the tolerances at which the order changes."""
         found: Whole = p.whole(self.orders[0][1])
         for (_, before), (tolerance, order) in pairwise(self.orders):
             found = found + p.whole(rtol < tolerance) * (order - before)

@@ -1,4 +1,4 @@
-"""The common part of the two forms of a series: its start, its constants and its systems.
+"""The common part of the builders of series: order 0, constants and linear systems.
 
     jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
 
@@ -35,9 +35,9 @@ ANGLES_AT_ONCE = 8
 
 
 class Jet:
-    """A series under construction at one order after the other. `origin` has the values of order 0 by number.
+    """Base class of builders of a series, order after order.
 
-    Inverses of mass matrices are written out up to a largest size.
+    `origin` has the values of order 0 by number. Inverses of mass matrices are written out up to a largest size.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Jet:
         program, p = self.program, self.p
         self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
         self.joined: dict[tuple[int, ...], Term] = {}
-        """Coefficients side by side, by their places in the table."""
+        """Coefficients as vectors, by their indices in the table."""
         self.reciprocals: dict[Operand, Term] = {}
         """Reciprocals of the divisors at order 0."""
         style = ALONE if self.packing.lanes > 1 else SOURCE
@@ -82,7 +82,7 @@ class Jet:
         self.singular = reduce(lambda a, b: a | b, flags)
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients by their places in the table."""
+        """Return coefficients by their indices in the table, as one value."""
         if places not in self.joined:
             self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
         return self.joined[places]
@@ -98,7 +98,7 @@ class Jet:
 
 
 class LoopJet(Jet):
-    """A series whose orders are computed in a loop: what depends on the order k alone."""
+    """A series whose orders are computed in a loop: the numbers that depend on the order k alone."""
 
     def __init__(
         self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
@@ -110,7 +110,10 @@ class LoopJet(Jet):
 
     @contextmanager
     def each_order(self) -> Iterator[Whole]:
-        """Go through the orders from 1 on, where a mass matrix moves from an iteration 0 on, which is order 1 too."""
+        """Loop over the orders from 1 on.
+
+        With a mass matrix that moves there is an iteration 0 as well, which computes order 1 too.
+        """
         p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
         if moving:
             p.note("Order 1 is computed twice, the second time from the velocities found first.")
@@ -119,7 +122,7 @@ class LoopJet(Jet):
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Build what depends on the order alone."""
+        """Build the numbers that depend on the order alone."""
         p = self.p
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank

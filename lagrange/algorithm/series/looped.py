@@ -1,8 +1,8 @@
-"""The series of a system in a loop over orders, like values side by side in memory.
+"""The series of a system in a loop over orders, with like values adjacent in memory.
 
 Each order has two phases: the sums over lower orders, some vectors at a time in a loop that multiplies and adds and
 does nothing else; then the short chain of values that depend on one another, a chunk of like values at a time. Values
-of the order at hand, and those of order 0, are in local arrays of the procedure. A row of the work array keeps those
+of the present order, and those of order 0, are in local arrays of the procedure. A row of the work array keeps those
 that later orders read.
 """
 
@@ -24,7 +24,7 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.values import Memory, Whole
 
 Piece = tuple[Chunk, int, int, int]
-"""A part of the sums of a chunk: which of its pairs, the first lane, and how many."""
+"""A part of the sums of a chunk: the chunk, the index of the pair, the first lane, and the number of lanes."""
 
 SHORTEST_RUN = 4
 """Shortest run of adjacent values that is copied in a loop, which compilers vectorize."""
@@ -42,7 +42,7 @@ def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
 
 
 class LoopedJet(LoopJet):
-    """Builds the procedure."""
+    """Builder of the procedure."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
         layout, self.image = looped_layout(packing)
@@ -56,7 +56,7 @@ class LoopedJet(LoopJet):
         self.divisors: dict[Operand, int] = {}
         """Index of the reciprocal of an operand at order 0 among the reciprocals."""
         self.current: dict[Operand, None] = {}
-        """The operands that have been gathered at the order at hand."""
+        """Operands that are gathered to vectors at the present order."""
         self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
 
     def build(self) -> Procedure:
@@ -95,7 +95,7 @@ class LoopedJet(LoopJet):
     # --- memory
 
     def lay_out(self) -> None:
-        """Reserve arrays, and write what stays the same at all orders."""
+        """Reserve arrays, and write the numbers that are the same at all orders."""
         p, program = self.p, self.program
         chunks = self.packing.computed
         end = 0
@@ -151,22 +151,25 @@ class LoopedJet(LoopJet):
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return an array from an index on; values of the order at hand that later orders read are in the row."""
+        """Return the part of an array from an index on.
+
+        Values of the present order that later orders read are in the row, not in the array "now".
+        """
         return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
 
     def array_of(self, place: int) -> Memory:
-        """Return the array in which a value of the order at hand stands."""
+        """Return the array that contains the present order's value with an index."""
         return self.arrays["row" if place < self.image.width else "now"]
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that coefficients are in all lanes, if it is known now."""
+        """Return the number that the coefficients equal in all lanes, if it is known at compile time, else None."""
         known = dict.fromkeys(self.program.numbers[place] for place in places)
         return next(iter(known)) if len(known) == 1 else None
 
     # --- orders
 
     def set_order(self, k: Whole) -> None:
-        """Build what depends on the order alone."""
+        """Build the numbers that depend on the order alone."""
         width = self.layout.width
         self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
@@ -239,7 +242,7 @@ class LoopedJet(LoopJet):
         return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
 
     def combine(self, chunk: Chunk) -> None:
-        """Build a chunk of linear combinations one by one: to bring their terms side by side would cost more."""
+        """Build a chunk of linear combinations value by value: gathering their terms to vectors would cost more."""
         begin = self.image.places[chunk.whole]
         target = self.array_of(begin)
         known: dict[int, Term] = {}
@@ -249,7 +252,7 @@ class LoopedJet(LoopJet):
             target[begin + lane] = known[value]
 
     def gather(self, operand: Operand) -> None:
-        """Bring the values of an operand side by side, once at each order."""
+        """Gather the values of an operand to a vector, once at each order."""
         image = self.image
         if operand not in image.gathered or operand in self.current:
             return
@@ -266,7 +269,7 @@ class LoopedJet(LoopJet):
             self.copy_run(home, place + lane, count)
 
     def copy_run(self, home: int, place: int, count: int) -> None:
-        """Copy values that stand side by side, or write a zero."""
+        """Copy a run of adjacent values, or write a zero."""
         if home == NOWHERE:
             self.array_of(place)[place] = 0.0
         elif count < SHORTEST_RUN:
@@ -276,7 +279,7 @@ class LoopedJet(LoopJet):
             self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Enter the unknowns of a stage, and drop operands that were gathered with trial values in their place."""
+        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
         depth, begin = self.program.depth, 0
         self.current = {
             operand: None
@@ -313,7 +316,7 @@ class LoopedJet(LoopJet):
         return solution
 
     def right_side(self, chunk: Chunk, force: Operand | None, momentum: Operand | None, right: Memory) -> None:
-        """Write what a stage solves for, f[k-1] scale / k - p^[k]."""
+        """Write the right-hand side of a stage, f[k-1] scale / k - p^[k]."""
         places = self.image.places
         if momentum is not None:
             self.gather(momentum)

@@ -24,10 +24,11 @@ FloatArray = NDArray[np.float64]
 
 
 class SeriesNumbers:
-    """Layout of the numbers of a series, from `begin` on, in the prepared array, which starts with the parameters.
+    """Layout of a series' numbers of parameters alone, in the prepared array from index `begin` on.
 
-    First come the constants that are not known now, then what the start has hoisted, then the inverses of constant
-    matrices, then, for series of vectors, constants side by side as the vectors of a `packing` read them.
+    The prepared array starts with the parameters. First come the constants that are not known at compile time, then the
+    hoisted results of the start, then the inverses of constant matrices. Series of vectors add constants as vectors, in
+    the order in which a `packing` reads them.
     """
 
     def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
@@ -98,7 +99,7 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return the procedure that writes what the start has hoisted into an array with all else."""
+        """Return the procedure that writes the hoisted results of the start into the array with all other numbers."""
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
         table = [self.constant(held, place) for place in range(len(self.program.numbers))]
@@ -110,7 +111,7 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
-        """Return constants side by side."""
+        """Return several constants as a vector."""
         if places in self.vectors:
             return prepared.entries(self.begin + self.vectors[places], len(places))
         return joined(prepared.builder, [(constants[place], 0) for place in places])
@@ -122,7 +123,7 @@ class SeriesNumbers:
         return found
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[System | None]:
-        """Return the constant matrix of each stage, None for one that moves."""
+        """Return the inverse of each stage's constant matrix; None for a matrix that moves."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -133,14 +134,14 @@ class SeriesNumbers:
 
 
 ROOM = 8
-"""Vectors of a constant inverse may be read beyond its end."""
+"""Number of vectors that may be read beyond the end of a constant inverse."""
 
 ALONE = Style(substituted=1_000_000, systems=1, early=False)
-"""Each system is solved alone, and inputs are read where they are used."""
+"""Style in which each system is solved alone and inputs are read at their use."""
 
 
 class Start(Body):
-    """The values of order 0, as they are built: the constants of the table are its last parameters."""
+    """Builder of the values of order 0. The constants of the table are its last parameters."""
 
     def __init__(
         self,
@@ -161,7 +162,10 @@ class Start(Body):
         self.moved = padded - self.states if padded else 0
 
     def run_moving(self, width: int) -> None:
-        """Add what depends on the state; the sines and cosines of `width` angles at once, those of angles later."""
+        """Add the instructions that depend on the state.
+
+        Sines and cosines of `width` angles are computed together; those of other angles follow later.
+        """
         code, hoisted = self.program.instructions, self.program.hoisted
         angles = [ref for ref in dict.fromkeys(one.args[0] for one in self.places) if ref >= hoisted]
         if width > 1:
@@ -179,7 +183,7 @@ class Start(Body):
         self.run(range(hoisted, len(code)))
 
     def find_angles(self, angles: Sequence[int], most: int) -> None:
-        """Add the sines and cosines of angles that are known, several at once."""
+        """Add the sines and cosines of angles whose values are known, several together."""
         while len(angles) > 1:
             width = min(most, 1 << (len(angles) - 1).bit_length())
             taken, angles = angles[:width], angles[width:]

@@ -26,7 +26,10 @@ TILE = 24
 
 
 class OrderSum(NamedTuple):
-    """A sum: the place of its total, and its factors in the order in which they are read; a group shares the second."""
+    """Adjacent sums: the index of their totals, and their factors in the order of reading.
+
+    Sums of a group share the second factor.
+    """
 
     place: int
     pair: Pair
@@ -59,7 +62,7 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Build the sums at an order, behind those at the order before."""
+        """Build the sums of an order after those of the previous order."""
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
@@ -113,7 +116,7 @@ class OrderSums:
         return ((one.pair, total.value) for one, total in zip(sums, found, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
-        """Return the shared factors of some sums."""
+        """Return the shared factors of sums, read from a row."""
         return {kept: self.read(row, kept) for kept in dict.fromkeys(one.upper for one in sums)}
 
     def add(

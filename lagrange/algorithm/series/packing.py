@@ -1,7 +1,7 @@
-"""Pack the values of a series side by side: values with the same rule at the same depth become one vector.
+"""Packing of a series' values into vectors: values with the same rule at the same depth become one vector.
 
 A chunk is such a vector of 1, 2, 4 or 8 values; its last lanes may repeat the last value. An operand is a vector of
-values that a chunk reads; where it is not just another chunk, it is gathered from several.
+values that a chunk reads; if it is not another chunk, it is gathered from several.
 """
 
 from __future__ import annotations
@@ -18,22 +18,24 @@ from lagrange.program.series import SeriesProgram, SeriesRule, Stage
 Members = Sequence[int]
 
 MOST_VECTORS = 1.1
-"""A group is divided if this multiplies its number of vectors by at most this factor; last lanes may be empty."""
+"""A group is divided if that multiplies its number of vectors by at most this factor, since last lanes may stay
+empty."""
 
 
 class Alignment:
-    """Divides groups of like values into parts, where that takes few more vectors; `vectors` counts those of a part.
+    """Divides groups of like values into parts that are read together, if that takes few more vectors.
 
-    A part has values that the same rules read at the same argument, and values that are made of such. For distances the
-    squares of all x are one part and those of all y the next, in the same order: sums read whole vectors.
+    `vectors` counts the vectors of a part. A part has values that the same rules read at the same argument, and values
+    that are computed from such. For distances the squares of all x are one part and those of all y the next, in the
+    same order: sums read whole vectors.
     """
 
     def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
         self.program, self.vectors = program, vectors
         self.part: dict[int, tuple[int, ...]] = {}
-        """The number of each value's group, and that of its part."""
+        """For each value the number of its group and that of its part."""
         self.reader: dict[int, int] = {}
-        """The first rule that reads a value of a part that is divided by what reads it."""
+        """For each value the first rule that reads it, in parts that are divided by their readers."""
         for number, members in enumerate(groups):
             self.part |= dict.fromkeys(members, (number,))
         readers: dict[int, list[tuple[int, int]]] = {}
@@ -49,15 +51,15 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return which parts read a value, and where."""
+        """Return the parts that read a value, with the argument where each reads it."""
         return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
 
     def made_of(self, i: int) -> Any:
-        """Return of which parts a value is made."""
+        """Return the parts of a value's arguments."""
         return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
 
     def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
-        """Divide a group by keys, unless that takes too many vectors; return whether it was divided."""
+        """Divide a group by keys, unless that takes too many vectors; return True if it was divided."""
         found: dict[Any, list[int]] = {}
         for i in members:
             found.setdefault(keys[i], []).append(i)
@@ -123,7 +125,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PackedStage:
-    """A stage as chunks: its unknowns, the chunks computed with trial values of zero, and those computed after it.
+    """A stage as chunks: its unknowns, the chunks computed with trial values of zero, and the chunks computed after it.
 
     `left` and `right` are operands for each chunk of unknowns, None where they are zero in all of it.
     """
@@ -137,7 +139,7 @@ class PackedStage:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """The place of each unknown among those of the stage, by chunk and lane."""
+        """The index of each unknown among those of the stage, by chunk and lane."""
         values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
         places = {value: i for i, value in enumerate(values)}
         return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
@@ -170,31 +172,31 @@ class Packing:
 
     @cached_property
     def place(self) -> dict[int, tuple[Chunk, int]]:
-        """The chunk and the lane of each value."""
+        """Chunk and lane of each value."""
         chunks = (*self.coordinates, *self.unknowns, *self.computed)
         return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
 
     @cached_property
     def computed(self) -> tuple[Chunk, ...]:
-        """Every chunk that has a rule, each once."""
+        """All chunks with a rule, each once."""
         parts = (part for stage in self.stages for part in (stage.trial, stage.found))
         return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
 
     @cached_property
     def summed(self) -> tuple[Operand, ...]:
-        """The operands whose lower orders are summed over, each once."""
+        """Operands whose lower orders occur in sums, each once."""
         return tuple(dict.fromkeys(operand for chunk in self.computed for pair in chunk.sums for operand in pair))
 
     @cached_property
     def delayed(self) -> tuple[Operand, ...]:
-        """The operands that are read one order later: integrands and forces."""
+        """Operands that are read at the next order: integrands and forces."""
         integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
         forces = [force for stage in self.stages for force in stage.right if force is not None]
         return tuple(dict.fromkeys([*integrated, *forces]))
 
     @cached_property
     def initial(self) -> tuple[Operand, ...]:
-        """The operands that are read at order 0 by the rules of higher orders."""
+        """Operands that rules of higher orders read at order 0."""
         found = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
         return tuple(dict.fromkeys(found))
 
@@ -203,7 +205,7 @@ ALIGNED_BLOCK = 4
 """Parts of an aligned chunk have a multiple of this many values: a vector of most processors."""
 
 ZERO_LANE = -1
-"""Marks a lane of an operand that is zero."""
+"""Entry of an operand for a lane that is zero."""
 
 
 def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
@@ -240,7 +242,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
-    """Return the values that become vectors together, in the order of their evaluation."""
+    """Return groups of values that become vectors, in the order of their evaluation."""
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
     for i in sorted({*program.before}.union(*trials, *founds)):
@@ -266,7 +268,7 @@ def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None
 
 
 class _Group(NamedTuple):
-    """The common properties of the values of one vector, in the order of their evaluation."""
+    """Key of a group: the common properties of the values of one vector, in the order of their evaluation."""
 
     stage: int
     sums: int
@@ -288,7 +290,7 @@ def widths(count: int, lanes: int) -> list[int]:
 
 
 class _Packer:
-    """Orders the values of each group so that their operands lie as they come."""
+    """Orders the values of each group so that their operands are in order too."""
 
     def __init__(self, program: SeriesProgram, lanes: int) -> None:
         self.program, self.lanes = program, lanes
@@ -297,11 +299,11 @@ class _Packer:
         self.alignment: Alignment | None = None
 
     def align(self, groups: Sequence[list[int]]) -> None:
-        """Let values stand together that are read together; see `Alignment`."""
+        """Make values adjacent that are read together; see `Alignment`."""
         self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
-        """Return the unknowns of a stage, velocities apart from others."""
+        """Return the unknowns of a stage as chunks; velocities are in chunks of their own."""
         end = self.program.states
         velocities = [value for value in stage.unknowns if value < end]
         others = [value for value in stage.unknowns if value >= end]
@@ -321,18 +323,18 @@ class _Packer:
         return found
 
     def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
-        """Return values with one rule in the order of their operands."""
+        """Return values with one rule, sorted by the positions of their operands."""
         readers = {} if self.alignment is None else self.alignment.reader
         key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
-        """Append values after all that are packed."""
+        """Append values to those that are packed."""
         for value in members:
             self.position[value] = len(self.position)
 
     def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
-        """Return the parts of a group as one chunk, in which each begins with a whole block."""
+        """Return the parts of a group as one chunk; each part begins with a whole block."""
         lanes: list[int] = []
         rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
         for part in parts:
@@ -350,7 +352,7 @@ class _Packer:
         return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
-        """Return the rule with its exchangeable arguments in a fixed order: the one that is known last comes first."""
+        """Return the rule with exchangeable arguments in a fixed order: the one that is known last comes first."""
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":
@@ -360,15 +362,16 @@ class _Packer:
         return rule
 
     def at(self, value: int) -> int:
-        """Return the position of a value among those packed, the last for one that follows later."""
+        """Return the position of a value among those packed; the last one for a value that is packed later."""
         return self.position.get(value, len(self.program.rules) + value)
 
 
 def levels(program: SeriesProgram) -> list[tuple[int, int]]:
-    """Return when each value can be found: how many sums over lower orders it waits for, then how many other values.
+    """Return for each value when it can be computed.
 
-    A sum waits for all combinations before it, so that sums of one kind become one vector, however long the chains of
-    combinations are that lead to them. Velocities come last of all.
+    The time is the number of sums over lower orders, then of other values, that come before it. A sum waits for all
+    combinations before it, so that sums of one kind become one vector, however long the chains of combinations before
+    them. Velocities come last of all.
     """
     found: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):

@@ -1,4 +1,4 @@
-"""The rules of a series: a coefficient of one order from those before.
+"""The rules of a series: the coefficient of a value at one order, from lower orders and from its arguments.
 
 `At` is the source of the coefficients of one value, or of a chunk of like values. None is exactly zero.
 """
@@ -12,41 +12,41 @@ from lagrange.algorithm.series.packing import Chunk
 from lagrange.procedure.builder import Builder
 
 Term = Any
-"""A real or several as a vector, or None for zero."""
+"""A real, or several as a vector; None stands for zero."""
 
 OWN = -1
-"""In the place of an argument's number: the value itself."""
+"""Argument number that stands for the value itself."""
 
 
 class At(Protocol):
-    """The inputs of a rule at an order; `which` is the number of an argument or of a coefficient."""
+    """Source of a rule's inputs at one order k. `which` is the number of an argument, of a sum or of a coefficient."""
 
     p: Builder
     chunk: Chunk
 
     def now(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order at hand."""
+        """Return an argument's coefficient of the present order."""
 
     def before(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order before."""
+        """Return an argument's coefficient of the previous order."""
 
     def first(self, which: int) -> Term:
         """Return an argument, or the value itself, at order 0."""
 
     def total(self, which: int) -> Term:
-        """Return the sum over 0 < j < k of the pair of that number; see `Chunk.sums`."""
+        """Return sum number `which` over 0 < j < k, in the order of `Chunk.sums`."""
 
     def over(self, which: int) -> Term:
-        """Return one over an argument, or over the value itself, at order 0."""
+        """Return 1 / (an argument, or the value itself, at order 0)."""
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now."""
+        """Return a coefficient of the rule if it is known at compile time, else None."""
 
     def constant(self, which: int) -> Term:
         """Return a coefficient of the rule."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x times scale / k."""
 
     def part(self, x: Term) -> Term:
         """Return x / k."""
@@ -85,7 +85,7 @@ def scaled(at: At, x: Term, which: int = 0) -> Term:
 
 
 def coefficient(at: At) -> Term:
-    """Return the coefficient of a value, or of a chunk, at the order at hand."""
+    """Return the coefficient of a value, or of a chunk, at the present order, by its rule."""
     return _RULES[at.chunk.op](at)
 
 
@@ -143,7 +143,10 @@ def _sqrt(at: At) -> Term:
 
 
 def _flat(at: At, zeroed: Term, found: Term) -> Term:
-    """Return the coefficient of a root. If the root begins at zero: zero while its argument stays zero, else NaN."""
+    """Return the coefficient of a root.
+
+    If the root is zero at order 0, the coefficient is zero while the argument stays zero, else NaN.
+    """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
     dead = p.choose(still, 0.0, p.real(float("nan")))
@@ -151,7 +154,10 @@ def _flat(at: At, zeroed: Term, found: Term) -> Term:
 
 
 def _power(at: At) -> Term:
-    """a[0] u[k] = (e + 1) / k sum of j a[j] u[k-j] - sum of a[j] u[k-j] + e a[k] u[0]."""
+    """Return the coefficient of u = a**e.
+
+    a[0] u[k] = (e + 1) / k sum of j a[j] u[k-j] - sum of a[j] u[k-j] + e a[k] u[0].
+    """
     known = at.known(0)
     exponent = at.constant(0)
     above = exponent + 1.0 if known is None else at.p.real(known + 1.0)

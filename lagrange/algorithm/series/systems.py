@@ -1,4 +1,4 @@
-"""The linear systems of a series: each matrix is inverted or factored at order 0, and solved with at every order.
+"""The linear systems of a series. Each matrix is inverted or factored at order 0, and used to solve at every order.
 
 A small matrix is inverted, which makes a solve a product; with pivoting where a pivot cannot be trusted. Beside
 multipliers, where most entries are zero, factors are kept instead.
@@ -24,24 +24,24 @@ Triangle = dict[tuple[int, int], Real]
 
 
 Rows = Sequence[Sequence[int]]
-"""The unknowns of a system as vectors: the rows in the entries of each. A last row may be there several times."""
+"""Rows of a system that are in each vector of unknowns. A last row may be repeated."""
 
 
 class System(Protocol):
-    """A matrix that is known: it solves for one right-hand side after another."""
+    """A matrix that is inverted or factored; it solves for one right-hand side after another."""
 
     def read(self, rows: Rows) -> None:
-        """Bring numbers side by side as the solves read them, in front of the loop that these are in."""
+        """Gather the numbers that solves read to vectors, before the loop that contains the solves."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution by rows, for a right-hand side by rows."""
 
 
 MOST_COLUMNS = 32
-"""Up to this size the product with an inverse in memory is written out."""
+"""Largest order of an inverse in memory whose product with a vector is written out."""
 
 ALL = 1_000_000
-"""The largest inverse that is written out, where all are: sparse ones too."""
+"""Limit on the size of inverses that are written out if all are, sparse ones too."""
 
 
 def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
@@ -118,7 +118,7 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
-    """Return a vector from memory with its last value repeated in all later entries."""
+    """Return a vector from memory; its last value is repeated in all later entries."""
     last = len(dict.fromkeys(chunk)) - 1
     return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
 
@@ -129,14 +129,14 @@ def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
 
 
 class Diagonal:
-    """One over each entry of a diagonal matrix."""
+    """The reciprocals of the entries of a diagonal matrix."""
 
     def __init__(self, p: Builder, reciprocals: Mapping[int, Real]) -> None:
         self.p, self.reciprocals = p, reciprocals
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Bring the numbers side by side; see `System`."""
+        """Gather the reciprocals to vectors; see `System`."""
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
@@ -148,12 +148,12 @@ class Diagonal:
 
 
 class Inverse:
-    """The entries of an inverse."""
+    """The inverse of a matrix, with each entry as a value."""
 
     def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
         self.p, self.size, self.entries = p, size, entries
         self.columns: dict[tuple[Sequence[int], int], Term] = {}
-        """Some rows of a column."""
+        """Vectors of entries of a column, by column and rows."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution; see `System`."""
@@ -165,7 +165,7 @@ class Inverse:
         return found
 
     def read(self, rows: Rows) -> None:
-        """Bring the numbers side by side; see `System`."""
+        """Gather the entries to vectors; see `System`."""
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:
@@ -173,7 +173,7 @@ class Inverse:
 
 
 class InverseInMemory:
-    """An inverse by columns that are `stride` apart."""
+    """An inverse in memory, by columns that are `stride` doubles apart."""
 
     def __init__(self, p: Builder, size: int, memory: Memory, stride: int) -> None:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
@@ -227,7 +227,7 @@ class InverseInMemory:
 
 
 class Factored:
-    """The factors of each block, with those by pivoting in their place where a pivot cannot be trusted."""
+    """The factors of each block of a matrix. Where a pivot cannot be trusted, they are those with pivoting."""
 
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size
@@ -322,7 +322,7 @@ def _factored(
 
 
 class _FactoredBlock:
-    """The factors of one block in memory: L by its places, then what pivoting takes."""
+    """The factors of one block in memory: the entries of L, followed by the data of pivoting."""
 
     def __init__(
         self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory
@@ -345,7 +345,7 @@ class _FactoredBlock:
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
-        """Return the solution with one of the two kinds of factors."""
+        """Return the solution with the factors that apply, without or with pivoting."""
         p, n, zero = self.p, self.how.order, self.p.real(0.0)
         given: list[Any] = [zero if x is None else x for x in right]
         found = [p.variable(zero) for _ in range(n)]

@@ -1,4 +1,4 @@
-"""The values of one chunk of a series at an order: a number, or several like values as a short vector; see `At`."""
+"""Sources of the coefficients of a chunk at one order, as a number or a short vector of like values; see `At`."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from lagrange.program.series import SeriesProgram
 
 
 class Coefficients(Protocol):
-    """The operands of a series that chunks read: at the present order, the one before, and order 0."""
+    """Source of the operands that chunks read: at the present order, the previous one, and order 0."""
 
     p: Builder
     program: SeriesProgram
     systems: list[System]
 
     def now(self, operand: Operand) -> Term:
-        """Return an operand at the order at hand."""
+        """Return an operand at the present order."""
 
     def before(self, operand: Operand) -> Term:
-        """Return an operand at the order before."""
+        """Return an operand at the previous order."""
 
     def first(self, operand: Operand) -> Term:
         """Return an operand at order 0."""
 
     def over(self, operand: Operand) -> Term:
-        """Return one over an operand at order 0."""
+        """Return 1 / (an operand at order 0)."""
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients by their places in the table."""
+        """Return coefficients by their indices in the table, as one value."""
 
     def share(self, x: Term) -> Term:
         """Return x scale / k."""
@@ -45,7 +45,7 @@ class Coefficients(Protocol):
 
 
 class ChunkAt:
-    """A chunk at an order, without its sums; see `At`."""
+    """Source of the coefficients of a chunk at one order, except its sums; see `At`."""
 
     def __init__(self, series: Coefficients, chunk: Chunk) -> None:
         self.series, self.chunk, self.p = series, chunk, series.p
@@ -55,11 +55,11 @@ class ChunkAt:
         return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def now(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order at hand."""
+        """Return an argument's coefficient of the present order."""
         return self.series.now(self.operand(which))
 
     def before(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order before."""
+        """Return an argument's coefficient of the previous order."""
         return self.series.before(self.operand(which))
 
     def first(self, which: int) -> Term:
@@ -68,11 +68,11 @@ class ChunkAt:
         return self.p.real(0.0) if found is None else found
 
     def over(self, which: int) -> Term:
-        """Return one over an argument, or over the chunk itself, at order 0."""
+        """Return 1 / (an argument, or the chunk itself, at order 0)."""
         return self.series.over(self.operand(which))
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now, and the same in all entries."""
+        """Return a coefficient of the rule if it is known at compile time and equal in all lanes, else None."""
         found = dict.fromkeys(self.series.program.numbers[place] for place in self.chunk.coefficients[which])
         return next(iter(found)) if len(found) == 1 else None
 
@@ -104,7 +104,7 @@ def solved(series: Coefficients, place: int, packed: PackedStage, guesses: Seque
 
 
 def divisor(chunk: Chunk) -> Operand | None:
-    """Return the operand by whose order 0 a chunk divides, or None."""
+    """Return the operand whose value at order 0 divides a chunk, or None."""
     if chunk.op in ("div", "against"):
         return chunk.args[1]
     if chunk.op in ("inverse", "power"):

@@ -40,7 +40,10 @@ def written_layout(packing: Packing) -> TaylorLayout:
 
 
 class WrittenJet(Jet):
-    """Builds the procedure for orders from `lowest` up to `highest`. `x` has each chunk by order; k is that at hand."""
+    """Builder of the procedure for orders from `lowest` up to `highest`.
+
+    `x` has each chunk by order; k is the present order.
+    """
 
     def __init__(
         self,
@@ -92,13 +95,13 @@ class WrittenJet(Jet):
             self.end_order()
 
     def end_order(self) -> None:
-        """Write the row of an order, and return after it if it is the last; the highest order always is."""
+        """Write the row of an order, and return if it is the last one; the highest order always is."""
         self.write()
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and drop operands that were built with trial values in their place."""
+        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
         depth = self.program.depth
         for key in [key for key in self.operands if key[1] == self.k]:
             if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
@@ -112,7 +115,7 @@ class WrittenJet(Jet):
             self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
 
     def write(self) -> None:
-        """Write the row; zeros too, for the memory serves many runs."""
+        """Write the row with its zeros, because the memory is used by many runs."""
         place = self.k * self.layout.width
         watched_at = place + self.layout.watched_at
         for chunk in self.packing.state:
@@ -122,11 +125,11 @@ class WrittenJet(Jet):
             put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return an operand at the order at hand."""
+        """Return an operand at the present order."""
         return self.at(operand, self.k)
 
     def before(self, operand: Operand) -> Term:
-        """Return an operand at the order before."""
+        """Return an operand at the previous order."""
         return self.at(operand, self.k - 1)
 
     def first(self, operand: Operand) -> Term:
@@ -148,7 +151,7 @@ class WrittenJet(Jet):
         return found
 
     def over(self, operand: Operand) -> Term:
-        """Return one over an operand at order 0."""
+        """Return 1 / (an operand at order 0)."""
         if operand not in self.reciprocals:
             first = self.first(operand)
             self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
@@ -182,7 +185,7 @@ class WrittenJet(Jet):
 
 
 class _WrittenAt(ChunkAt):
-    """A chunk at an order that is written out; see `At`."""
+    """Source of the coefficients of one chunk, at an order that is printed without a loop; see `At`."""
 
     series: WrittenJet
 

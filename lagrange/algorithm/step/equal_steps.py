@@ -66,7 +66,7 @@ def discard_history(given: Running, layout: Layout) -> None:
 
 @inline
 def clear(newton: Newton) -> None:
-    """Set all that a solve keeps to zero."""
+    """Set all data that a solve keeps to zero."""
     newton.matrix_step = 0.0
     newton.differentiated = 0
     newton.rate = 0.0
@@ -93,7 +93,10 @@ def kept_entries(given: Running, layout: Layout) -> Out | None:
 
 @inline
 def is_finite(given: Running, layout: Layout, *, errors: bool) -> bool:
-    """Whether the new state is finite, and with `errors` its error vectors: 0 * x is NaN for all other numbers."""
+    """Return True if the new state is finite, and with `errors` also its error vectors.
+
+    The test is 0 * x, which is NaN if x is not finite.
+    """
     new, total = given.work[layout.place(layout.new) :], 0.0
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)
     for i in each(vectors * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block):

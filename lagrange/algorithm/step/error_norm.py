@@ -50,7 +50,7 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
 
 @procedure(apart=True, given=running)
 def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Have a step tried again with another length, and say whether to ask how large the entries are.
+    """Reject a step, set the length of its repetition, and return True if the sizes of the entries must be surveyed.
 
     They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
     state, an entry that it left at zero does not count. They are also asked for at the first, second, fourth, eighth,
@@ -81,7 +81,7 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Whether the largest error of a trial is that of an entry that may be rounding; see `ROUNDED`."""
+    """Return True if the largest error of a trial is that of an entry that may be rounding; see `ROUNDED`."""
     states, half = layout.step.states, layout.dimension // 2
     rounded, others = 0.0, 0.0
     # Coordinates and velocities have units of their own.

@@ -1,7 +1,7 @@
-"""Whole integrators as procedures that need nothing from outside: a step of a length, and a run to an end.
+"""Whole integrators for exports, by explicit methods: a procedure for one step, and one for a run to an end time.
 
-They are made of the procedures that the drivers of this package run, for explicit methods. `law` and `projection` are
-functions that they take, to be bound; see `lagrange.procedure.rewrite`.
+They call the same procedures as the drivers of this package. `law` and `projection` are functions that they take, to be
+bound; see `lagrange.procedure.rewrite`.
 """
 
 from __future__ import annotations

@@ -100,16 +100,16 @@ class Layout:
         """The shape of the derivative of the law: by results, and by arguments."""
         self.width = whole_blocks(self.length, block)
         self.keeps_history = bool(step.solves) or step.starter is not None
-        """Whether steps go on from those before: from what a solve keeps, or from the state one step back."""
+        """True if steps use data of those before: data that a solve keeps, or the state one step back."""
         self.keeps_entries = in_registers and alone and not self.keeps_history
-        """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
+        """True if the state is also kept as single numbers, which LLVM holds in registers."""
         self.vectors = step.vectors
         self.new = self.vectors
         self.errors = self.new + step.states
         self.argument = (self.errors + len(step.errors)) * self.width
         self.result = self.argument + max(2 * dimension, self.columns) + 2 * block
         self.flags = whole_blocks(self.result + max(2 * dimension, self.rows) + 2 * block, block)
-        """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
+        """Index of two flags of the driver: the state one step back is known; the trial step provides it."""
         self.effort = self.flags + 2
         end = whole_blocks(self.effort + len(EFFORT.fields), block)
         self.solves: list[SolveLayout] = []
@@ -118,9 +118,9 @@ class Layout:
             self.solves.append(SolveLayout(self, end, i, solve, damped))
             end = self.solves[-1].end
         self.lost = end
-        """Where stands what rounding has taken from each state, and behind that what the trial step loses."""
+        """Index of the rounding error of each state vector, followed by those of the trial step."""
         self.end = end + (2 * step.states * self.width if step.exact else 0)
-        """Where the vectors of the starter stand, if there is one."""
+        """Index of the vectors of the starter, if there is one."""
         self.starting: Layout = self
         self.size = self.end
         if step.starter is not None:

@@ -91,7 +91,7 @@ def add_compensated(vectors: Vectors, state: int) -> None:
 
 @procedure(given=running, entries=entries_array)
 def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
-    """Try a step of a run, count what it takes, and return an outcome.
+    """Try a step of a run, count its evaluations, and return an outcome.
 
     The starter takes it if the state one step back is not known.
     """
@@ -136,9 +136,9 @@ def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Ou
 
 @inline
 def project_new_state(given: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
-    """Project the new state, which is at a time; return an outcome, and whether the state has moved.
+    """Project the new state onto the constraints; return an outcome, and True if the state has moved.
 
-    If it has, the error vectors of the step are how far.
+    If it has, its displacement is written to the error vectors of the step.
     """
     n, length, work = layout.dimension, layout.length, given.work
     state, lost = work[layout.argument :], reals(n, room=layout.block)
@@ -169,7 +169,7 @@ def project_new_state(given: Running, t: float, entries: Out | None, layout: Lay
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each vector of the state where it begins in the state, its offset, and that of what it has lost."""
+    """Return for each state vector its index in the state, its offset, and the offset of its rounding error."""
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
     return [

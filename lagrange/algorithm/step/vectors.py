@@ -68,7 +68,10 @@ def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]
 
 @inline
 def plus(total: float | None, factor: float | None, value: float) -> float:
-    """Return total + factor * value, rounded once. A total of None is zero, and a factor of None is one."""
+    """Return total + factor * value, rounded once.
+
+    A total of None stands for zero, and a factor of None for one.
+    """
     if total is None:
         return value if factor is None else factor * value
     return total + value if factor is None else fma(factor, value, total)
@@ -98,7 +101,7 @@ class Vectors:
 
     @inline
     def factor(self, node: Node, *, size: bool = False) -> float | None:
-        """Return a factor or its size, None for one."""
+        """Return a coefficient or its magnitude, None for one."""
         is_one = node is self.layout.step.graph.one
         return None if is_one else abs(self.numbers[node]) if size else self.numbers[node]
 

@@ -1,4 +1,4 @@
-"""Constants of Taylor steps: scale of time, step size, and defect test."""
+"""Constants of Taylor steps: scale of time, step size, defect test, and events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ The fourth derivative includes one coupling between coordinates. Entries whose s
 """
 
 FIRST_SCALE_RATIO = 1.5
-"""The same exponent for the first step of a run: a factor of 2**1.5."""
+"""`LARGEST_SCALE_RATIO` for the first step of a run: a factor of 2**1.5."""
 
 ROWS_USED = 6
 GUARD = 0.25

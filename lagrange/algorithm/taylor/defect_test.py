@@ -205,7 +205,7 @@ def verified_step(
 def disagreeing(
     s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
 ) -> int:
-    """Return the first series whose sum at the end of a step differs from its function `there`, or -1."""
+    """Return the first series whose sum at the end of a step differs from the value `there` of its function, or -1."""
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):

@@ -96,7 +96,7 @@ def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any)
 
 @procedure(apart=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the part of a step that a series covers within its accuracy or noise: s if the series terminates.
+    """Return the part of a step on which a series is accurate or only noise: s if the series terminates.
 
     The truncation error of an expression's series may exceed that of the state: it is a sum of products.
     """
@@ -298,7 +298,7 @@ def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out,
 
 @procedure
 def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
-    """Return the sign that a watched function takes on on a step, once; 0 if it keeps its sign, 2 if that is undecided.
+    """Return the sign that a watched function changes to, once, on a step; 0 if it keeps its sign, 2 if undecided.
 
     It is undecided by the sums of terms if the slope may change its sign, or a value at an end is within its noise.
     """
@@ -317,7 +317,7 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 
 @procedure
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
-    """Return where a polynomial with these terms changes to a sign, which it does once between 0 and 1."""
+    """Return the only place between 0 and 1 where a polynomial with these terms changes to a sign."""
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
     return approach(terms, slopes, count, 0.0, 1.0, inverse_cubic((0.0, 1.0), values, rates), sign)

@@ -364,7 +364,7 @@ def trusted_part(step: Step, is_polynomial: bool, doubtful: In, watched: Watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths; note which function has the series that reaches only this `far`."""
+    """Return the smaller of two lengths; record the function whose series is accurate only up to `far`."""
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 

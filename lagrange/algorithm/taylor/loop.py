@@ -54,7 +54,7 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
 
 @procedure(given=arguments)
 def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
-    """Prove the last step, take the next one, and return an outcome: PAUSED if the run continues."""
+    """Test the defect of the last step, take the next one, and return an outcome: PAUSED if the run continues."""
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order = given.work, given.order
     is_there, is_idle = run.t == run.end, held.unproven == 0
@@ -89,9 +89,10 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
 
 @procedure(given=arguments, weights=weights_type)
 def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: TaylorLayout) -> Outcome:
-    """Record or reject the last step. DONE if it is recorded, PAUSED if not.
+    """Record or reject the last step: DONE if it is recorded, PAUSED if it is rejected.
 
-    After repeated rejections the outcome is UNSCALED, to get the sizes of the entries.
+    At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to survey the sizes of
+    the entries.
     """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order, watched = given.work, given.order, watched_of(given)
@@ -121,5 +122,5 @@ def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: Tayl
 
 @inline
 def may_ask(run: Run, counts: Counts) -> bool:
-    """Return whether the run may return for a survey of sizes: floors follow the scale; see `Outcome`."""
+    """Return True if the run may return for a survey of sizes: its floors follow the scale; see `Outcome`."""
     return run.share > 0.0 and counts.surveyed < MOST_SURVEYS

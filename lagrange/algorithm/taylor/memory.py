@@ -19,11 +19,9 @@ from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, re
 from lagrange.program.series import SeriesProgram
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
-"""The function that computes a series.
-
-Its arguments are the time, the scale of time, the state followed by its compensation, two arrays of numbers that the
-machine has prepared, the rows and the order. It returns whether a matrix is singular.
-"""
+"""Type of the function that computes a series. Arguments: the time, the scale of time, the state followed by its
+compensation, two arrays of numbers that the machine has prepared, the rows and the order. It returns True for a
+singular matrix."""
 
 
 @record
@@ -54,7 +52,10 @@ class TaylorState:
 
 @record
 class Held:
-    """The beginning of the last step; the state there is kept in the work array."""
+    """Record of the last step: its beginning, to which a rejected step returns.
+
+    The state there is in the work array.
+    """
 
     unproven: int
     """1 until the step has passed the defect test."""
@@ -83,12 +84,12 @@ TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCount
 """The records in memory."""
 
 BLOCK = 8
-"""Largest number of entries that are computed at once; the last block of a vector may be written as a whole."""
+"""Largest number of entries that are computed together; the last block of a vector may be written as a whole."""
 
 
 @record
 class Sizes:
-    """The sizes of a layout, for procedures that work for every layout; see `TaylorLayout`."""
+    """Record of the sizes of a layout, read by procedures that work for every layout; see `TaylorLayout`."""
 
     dimension: int
     padded: int
@@ -97,14 +98,14 @@ class Sizes:
     watched_at: int
     scratch: int
     chains: int
-    """1 or 0."""
+    """1 if states are summed in four independent chains, 0 if row by row."""
 
 
 SIZES = form_of(Sizes)
 
 
 class Offsets:
-    """Offsets of the parts of a work array."""
+    """Offsets of the parts of the work array, from the sizes of a layout."""
 
     padded: Any
     width: Any
@@ -112,27 +113,27 @@ class Offsets:
 
     @property
     def lost(self) -> Any:
-        """Offset of the compensation of the state: its rounding error."""
+        """Offset of the rounding errors of the state, which compensated summation adds in the next step."""
         return self.padded
 
     @property
     def held(self) -> Any:
-        """Offset of the beginning of the step: the state there, its compensation, and a derivative."""
+        """Offset of the saved beginning of the last step: the state, its rounding errors, and a derivative."""
         return self.padded * 2
 
     @property
     def slope(self) -> Any:
-        """Offset of the derivative of the series at the end of its step."""
+        """Offset of the derivative of the series at the end of the step."""
         return self.padded * 4
 
     @property
     def rows(self) -> Any:
-        """Offset of the rows."""
+        """Offset of the rows of the series, one row of coefficients per order."""
         return self.padded * 5
 
     @inline
     def ahead(self, order: int) -> Any:
-        """Return the offset of a second state and its rows, for evaluations along a step."""
+        """Return the offset of a second state with its rows, for evaluations along a step of this order."""
         return (order + 1) * self.width + (self.rows + self.scratch)
 
 
@@ -204,7 +205,7 @@ class TaylorLayout(Offsets):
 
 @dataclass(frozen=True)
 class RecordedLayout(Offsets):
-    """The sizes of a layout while a procedure runs."""
+    """Sizes of a layout that are read at run time, from `Sizes`."""
 
     dimension: int
     padded: int
@@ -250,7 +251,7 @@ def row(work: Any, k: int, layout: Any) -> Any:
 
 @inline
 def less(order: int, count: int) -> int:
-    """Return the order, which is at least 4, minus a number that is known, at least 1."""
+    """Return the order, which is at least 4, minus a compile-time number of at least 1."""
     return max(order - count, 1) if count > 1 else order - count
 
 

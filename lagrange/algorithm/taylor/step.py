@@ -175,7 +175,7 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 
 @inline
 def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
-    """Find zeros on the step; return DONE and its new length, in units of the scale, or why it is not taken."""
+    """Search the step for zeros; return DONE and its new length in units of the scale, or the reason not to take it."""
     taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=BLOCK)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
     is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
@@ -190,7 +190,7 @@ def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayo
 
 @inline
 def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
-    """Advance the time with compensation, and store the beginning of the step."""
+    """Advance the time with compensation, and save the beginning of the step."""
     run, taylor, held = given.run, given.taylor, given.held
     held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
     held.unproven = 1

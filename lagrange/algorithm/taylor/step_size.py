@@ -165,7 +165,7 @@ def choose_exponent(
 
 @inline
 def lesser(a: float, b: float) -> float:
-    """Return the lesser of two numbers, the first if the second is NaN."""
+    """Return the smaller of two numbers, the first if the second is NaN."""
     return b if b < a else a
 
 

@@ -53,7 +53,7 @@ def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLay
 
 
 FIRST = (1, 2, 3, 4)
-"""First orders of the partial sums of a series, its chains in s**4: they take a quarter of the time of one sum."""
+"""First orders of four partial sums of a series, each in powers of s**4. They take a quarter of the time of one sum."""
 
 
 @inline

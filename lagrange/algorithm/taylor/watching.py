@@ -39,7 +39,7 @@ class Watch:
     """1 if steps are taken, 0 if the driver must return: the caller still has to change the motion."""
 
     fresh: int
-    """1 at the start of a motion whose sides are not known."""
+    """1 at the start of a motion whose sides are not known yet."""
 
     hides_growth: int
     """1 if series may hide a growth: every step is inspected, and only as long as the series prove to be safe."""
@@ -54,7 +54,7 @@ class Watch:
     """1 if some watched function may change the motion or end the run."""
 
     room: int
-    """Largest number of events that can be written."""
+    """Largest number of events that the arrays can hold."""
 
     done: int
     """Number of written events."""
