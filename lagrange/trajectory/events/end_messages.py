@@ -66,7 +66,7 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def nowhere(name: str) -> EventResult:
-    """Return the end of a run whose reset gives a state that is not finite."""
+    """Return the end of a run whose reset gives a state that is not finite, in the names of the events."""
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
@@ -86,7 +86,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 
 
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
-    """Return the end of a run at which an event function has no value; `watched` are series (order + 1, functions)."""
+    """Return the end of a run where an event function has no value; `watched` (order + 1, functions) are its series."""
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(
         Status.NON_FINITE,

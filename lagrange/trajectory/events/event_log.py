@@ -17,10 +17,11 @@ from lagrange.trajectory.events.zeros_on_step import EventZero
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
-"""Largest number of changes by one event at nearly the same time."""
+"""Largest number of changes that one event may make at nearly the same time."""
 
 SAME_INTERVAL, MOST_SAME = 0.999, 8
-"""Ratio of an interval between resets to the shortest before, from which it no longer shrinks; most of them."""
+"""Intervals between resets no longer shrink if one has at least this fraction of the shortest before; largest number of
+them in a row."""
 
 
 class Occurrences:
@@ -113,7 +114,10 @@ class EventLog:
         return None
 
     def occur(self, places: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
-        """Add occurrences of the events at some indices at the state; return True if one of them ends the run."""
+        """Record that events occurred at the present state. Return True if one of them ends the run.
+
+        `places` are the indices of the events, and `impacts` all events.
+        """
         for i in places:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
         return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in places)

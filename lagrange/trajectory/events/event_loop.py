@@ -30,14 +30,14 @@ each other event.
 """
 
 ENOUGH = 16
-"""Least number of steps from which the length of a run is estimated, since the first steps are short."""
+"""Number of steps from which the length of a run is estimated: the first steps are short."""
 
 CHANGE_STEPS = 8
-"""Cost of a reset on arrays, in steps."""
+"""Cost of one reset in the review on arrays, as a number of steps."""
 
 
 def inertia_stays(equations: Equations) -> bool:
-    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it zero."""
+    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it vanish."""
     alone = [block[0] for block in equations.plan.blocks if len(block) == 1]
     return all(equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
 

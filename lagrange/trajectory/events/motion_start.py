@@ -32,7 +32,7 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MotionStart:
-    """A motion that has just begun, with the events that are zero there.
+    """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
     `first` is True at the start of the run. `stayed` are the sizes of event functions that count as zero, and `zeros`
     the directions of the events that just occurred. `rested` are events with a reset that stayed at zero on the steps
@@ -54,10 +54,10 @@ def sides_behind(
     noise: FloatArray,
     happened: Container[int],
 ) -> list[Side]:
-    """Return the sides of event functions after a reset, from the sides before it; sign 0 where the side is open.
+    """Return the sides of event functions after a reset, from the sides before it. A side of sign 0 is open.
 
-    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened`
-    have an open side. A pending touch of a contact is cleared: a contact must not act without crossing.
+    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened` have
+    an open side. A pending touch of a contact is cleared: a contact must not act without crossing.
     """
     kept = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
@@ -74,7 +74,7 @@ A slope below this fraction of the largest value on the step counts as zero.
 
 
 def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
-    """Return True if the motion passes an event in its direction even after its reset."""
+    """Return True if the motion passes an event in its direction even after its reset, so that the reset is useless."""
     t, y, one, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
     after = y.copy()
     one.apply(t, y, parameters, after)
@@ -112,7 +112,7 @@ def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return resting contacts: zero since an earlier event at the start of the motion, and constant on the step.
+    """Return resting contacts: zero since an earlier event at the motion's start, and constant on the step.
 
     An example is a ball that has passed on its velocity and rests beside the next one; rounding moves them only.
     """

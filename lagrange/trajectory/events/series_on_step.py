@@ -67,9 +67,10 @@ class EventSeries:
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
-    """Return the times, at most s, up to which the columns of a series (order + 1, k) are accurate or noise (k,).
+    """Return the times, at most s, up to which the columns of a series are accurate.
 
-    Most series show by their first and last two terms that they are accurate on the whole step.
+    A column of the series (order + 1, k) is accurate up to the tolerance, or to its noise (k,). Most series show by
+    their first and last two terms that they are accurate on the whole step.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):
@@ -112,7 +113,7 @@ def _ranks(order: int) -> FloatArray:
 
 
 def signed_scale(state: DriverState) -> float:
-    """Return the scale of time with the sign of the run's direction."""
+    """Return the scale of time of a driver's state, with the sign of the run's direction."""
     left = state.reals[DriverState.END] - state.t
     scale = float(state.taylor.scale)
     return math.copysign(scale, left or scale)

@@ -99,7 +99,7 @@ class Watch(EventLog):
         return self._begin(state)
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Find the sides of surfaces and events at the start of a motion."""
+        """Find the sides of surfaces and events at the start of a motion, without the loop."""
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.impacts_at_once(state, ())
@@ -107,7 +107,7 @@ class Watch(EventLog):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Change the motion where the loop leaves that to the watch, or return why no step leads on."""
+        """Make the change of the motion at which the loop stopped, or return why no step continues."""
         self.read(state)
         try:
             if self.unbegun:
@@ -117,7 +117,7 @@ class Watch(EventLog):
             self.write()
 
     def _step_refused(self, state: DriverState) -> EventResult:
-        """Return the end of the run at a state from which the series of a watched function leads nowhere."""
+        """Return the end of the run at a state where the series of a watched function has no continuation."""
         look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
@@ -173,7 +173,7 @@ class Watch(EventLog):
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
-        """Return the end of the run at a square root that becomes zero where the state is, or None."""
+        """Return the end of the run if a square root of the equations becomes zero at the state, or None."""
         look, soon = self.ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
             # The radicand is the square of the root and falls twice as fast.
@@ -323,7 +323,7 @@ class Watch(EventLog):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Pass the present sides to the driver, and request an inspection of its next step."""
+        """Pass the present sides to the driver, and ask it to return at its next step for an inspection."""
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)

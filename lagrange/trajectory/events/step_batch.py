@@ -16,7 +16,7 @@ from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 
 FEW = 12
-"""Largest number of steps that are sampled at the full degree at once."""
+"""Largest number of steps whose event functions are sampled at the full degree together."""
 
 
 class Path(Protocol):
@@ -176,7 +176,7 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 def state_noise(
     kernel: Kernel, parameters: FloatArray, times: FloatArray, states: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """Return the errors (E, k) of event functions from the rounding of times (k,) and states (2n, k)."""
+    """Return the errors (E, k) of event functions that rounding of the times (k,) and states (2n, k) causes."""
     tilt = RELATIVE_PERTURBATION * perturbation_factors(len(states) + 1)
     with np.errstate(all="ignore"):
         moved = kernel(times * (1 + tilt[-1]), states * (1 + tilt[:-1, None]), parameters)

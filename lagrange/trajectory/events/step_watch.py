@@ -64,7 +64,7 @@ S = DriverState
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """The point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
+    """Point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
     `length` is the length of the step that contains it or follows it. `whole` is the end of a step that is cut inside,
     or None. A `late` cut is not a change of the motion: the wall time of the run was used up.
@@ -91,7 +91,7 @@ class EventDriver:
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the state stays in its own memory."""
+        """Do nothing: the driver state keeps its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run as `Driver.advance` does; the outcome is WATCHED if the state is at a change of the motion."""
@@ -181,7 +181,7 @@ class EventDriver:
         return Waiting(*arguments)
 
     def _forget(self, state: DriverState) -> None:
-        """Take back the steps that have not been reviewed."""
+        """Remove from the state the steps that have not been reviewed."""
         memory, run = self._memory, self._run
         if memory.waits:
             state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
@@ -189,7 +189,7 @@ class EventDriver:
             state.fault = None
 
     def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
-        """Review steps up to number `last` on arrays; accept them once none is left, or set the run back."""
+        """Review steps up to number `last` on arrays. Accept them once all are reviewed, or set the run back."""
         memory, run = self._memory, self._run
         if not memory.waits:
             return None

@@ -81,10 +81,10 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the series of the surfaces, and correct the sides in `trial` that contradict their values.
+    """Return the series of the surfaces, and correct sides in `trial` that contradict the surfaces' values.
 
-    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides
-    in `chosen` are kept.
+    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides in
+    `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -97,12 +97,12 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 
 
 def clear(g: FloatArray) -> NDArray[np.bool_]:
-    """Return a mask of the functions with series g, (order + 1, ...), that are clearly not zero at their start."""
+    """Return for each function with series g, (order + 1, ...), True if it is clearly not zero at its start."""
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
 SHARE = 1e-6
-"""Length of a leap as a fraction of the run."""
+"""Length of a leap over a point without a series, as a fraction of the run."""
 
 CHANGE = 0.01
 """Largest relative change of an acceleration on a leap, so that jumps and poles of forces are not passed.
@@ -118,7 +118,7 @@ does not near a pole, or after log(t).
 """
 
 BEHIND = 2.0**-10
-"""Fraction of a leap after which the motion has left the surface on which the leap begins."""
+"""Fraction of a leap after which the motion has left the surface where the leap began."""
 
 IN_A_ROW = 3
 """Largest number of successive leaps without a step between them."""

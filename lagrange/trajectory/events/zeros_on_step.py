@@ -116,7 +116,8 @@ def roots(
 
 
 MOST_HALVINGS = 5000
-"""Largest total number of halvings of one step, for some hundreds of roots. The unresolved rest is noise."""
+"""Largest number of halvings on one step, which suffices for some hundreds of roots. What is not resolved then counts
+as noise."""
 
 POLE_LEVELS = 26
 """A function that grows by a factor of 1000 over this many halvings has a pole.
@@ -126,7 +127,7 @@ A jump stays constant under halving, a pole doubles.
 
 
 NOWHERE = np.empty(0)
-"""Coefficients of a function without a value."""
+"""Empty coefficients: those of a function without a value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +282,7 @@ def trace(
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros up to a fraction s of the step where the motion ends, and the side there.
+    """Return the zeros up to a fraction `s` of the step, where the motion ends, and the side there.
 
     `decided` says that the slope decides the side of a function that is zero there; else the side stays open.
     """
@@ -297,7 +298,7 @@ def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided
 
 
 def _merged(found: list[Root]) -> tuple[Root, ...]:
-    """Return roots with repeated crossings of one jump merged: a rounded path may cross it several times."""
+    """Return the roots; repeated crossings of one jump are merged, since a rounded path may cross it several times."""
     kept: list[Root] = []
     for root in found:
         if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
@@ -308,7 +309,7 @@ def _merged(found: list[Root]) -> tuple[Root, ...]:
 
 
 def _starts_clear(piece: LocalPolynomial) -> bool:
-    """Return True if a function is far from zero where a part starts, so that a change of side there is a jump."""
+    """Return True if a function is far from zero at the start of a part. A change of side there is then a jump."""
     sizes = np.abs(piece.coefficients)
     return bool(sizes[0] > JUMP * sizes.sum())
 
