@@ -3,7 +3,9 @@
     statement   T, V, forces, ... in SymPy   -> Statement    checked once, in the user's symbols
     equations   Statement                    -> Equations    p, f, M, h, a as nodes of one graph, each computed once
     program     Equations, a name            -> Program      straight-line, parameters hoisted, checked
-    machine     Program                      -> Kernel       numpy or machine code, behind one protocol
+    procedure   plain Python functions       -> Procedure    the typed language in which algorithms are written
+    algorithm   Programs, a step             -> Procedures   solvers, steps, series, events, dense output, each once
+    machine     Program, Procedures          -> Kernel       numpy or machine code, behind one protocol
     model       all of these                 -> Model        numbers in, numbers out; kernels compiled at first use
     evidence    Model, Statement             -> report       compiled against numerical differentiation of T and V
     export      Model, a target              -> files        source text for other solvers, each with a self-test

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
-"""A number with an optional factor pi or deg and an optional divisor: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
+"""Pattern of a number with an optional factor pi or deg and an optional divisor: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
 
 PICTURES = (".png", ".svg", ".pdf")
 """Suffixes of files of still pictures."""
@@ -31,7 +31,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of a command: its exit code, its text, and the same as data for --json."""
+    """Result of a command: its exit code, its text, and its content as data for --json."""
 
     code: int
     text: str

@@ -207,7 +207,8 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 
 MOST_WITHOUT_STORE = 10_000_000
-"""Most members of an ensemble that is not written to a folder, from which it could go on: the quickest take minutes."""
+"""Largest number of members of an ensemble that is not written to a folder, from which it could go on: the quickest
+take minutes."""
 
 
 def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:

@@ -172,7 +172,7 @@ def _whole(exponent: Any) -> Any:
 
 
 FACTORED_TERMS = 16
-"""Most terms of a polynomial that is factored: one this long takes SymPy a few milliseconds."""
+"""Largest number of terms of a polynomial that is factored: one this long takes SymPy a few milliseconds."""
 WORTHWHILE = 0.75
 """A factored coefficient replaces its expanded form if it has at most this fraction of its operations."""
 WRITING = 5

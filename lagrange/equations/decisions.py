@@ -29,7 +29,7 @@ from lagrange.statement.statement import Statement
 SECOND = 2
 
 MOST_TURNING = 4
-"""Most coordinates of a Lagrangian whose mass matrix is solved to search for centrifugal terms."""
+"""Largest number of coordinates of a Lagrangian whose mass matrix is solved to search for centrifugal terms."""
 
 DIGITS = 30
 ZERO = sympy.Float("1e-15", DIGITS)
@@ -133,7 +133,7 @@ def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
 
 
 BUDGET = 100_000
-"""Most monomials of all proofs about one system: 1 to 2 s."""
+"""Largest number of monomials of all proofs about one system: 1 to 2 s."""
 CONTEXT = precise(50)
 """Numbers of 50 digits, in which laws are evaluated."""
 STEP = "1e-15"
@@ -143,7 +143,7 @@ ZERO_SHARE = CONTEXT.mpf("1e-20")
 SAMPLES = 3
 """Number of states at which laws are evaluated."""
 DRAWS = 24
-"""Most states that are drawn for the samples: at some an expression has no value."""
+"""Largest number of states that are drawn for the samples: at some an expression has no value."""
 MOST_HELD = 16
 """Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
 CORRECTIONS = 40

@@ -40,7 +40,7 @@ NAMED_SHARE = 1e-6
 """Entries of a null vector below this fraction of the largest are rounding noise."""
 
 MOST_NAMED = 8
-"""Most velocities that a message names."""
+"""Largest number of velocities that a message names."""
 
 
 class Provider(Protocol):

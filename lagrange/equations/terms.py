@@ -66,7 +66,7 @@ def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
 
 
 WIDEST_PRODUCT = 2000
-"""Most terms of a product of sums that is multiplied out; a 30-link chain needs 900."""
+"""Largest number of terms of a product of sums that is multiplied out; a 30-link chain needs 900."""
 SHORT_PRODUCT = 30
 HIGHEST_POWER = 6
 

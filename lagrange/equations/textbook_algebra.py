@@ -114,7 +114,7 @@ class StatedAlgebra:
 
 
 BUDGET = 300_000
-"""Most monomials of one part: 3 to 4 s. The equations of a 30-link chain take 200,000."""
+"""Largest number of monomials of one part: 3 to 4 s. The equations of a 30-link chain take 200,000."""
 EXPANDED_BLOCK = 3
 """Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
@@ -124,10 +124,10 @@ EXPANDED_TERMS = 10_000
 """Largest number of monomials of an expanded solution: 0.1 s. Beyond it the formulas stay nested. Three links need
 2,000."""
 LONGEST_FORMULA = 20_000
-"""Most operations in one acceleration: some 50 printed pages."""
+"""Largest number of operations in one acceleration: some 50 printed pages."""
 LONGEST_SLOPES = 5_500
-"""Most operations inside the derivatives of L by all coordinates together. 15 bodies with forces
-between all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
+"""Largest number of operations inside the derivatives of L by all coordinates together. 15 bodies with forces between
+all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
 
@@ -395,10 +395,10 @@ def _unreadable(number: Any) -> bool:
 
 
 ROUNDS = 6
-"""Most rounds of multiplying out roots and quotients; each removes one level of nesting."""
+"""Largest number of rounds of multiplying out roots and quotients; each removes one level of nesting."""
 
 LARGEST = 40_000
-"""Most monomials of one proof: half a second."""
+"""Largest number of monomials of one proof: half a second."""
 
 _SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}
 """f**2 = 1 + sign * g**2 by function."""

@@ -76,9 +76,9 @@ def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node
 
 
 def _beside(node: Node, when: Node, other: Node, domains: Domains) -> Node:
-    """Return when an argument of `and` or `or` is read: if the other argument does not decide the result.
+    """Return the condition under which an argument of `and` or `or` is read.
 
-    If the other argument may have no value, it is always read.
+    It is read if the other argument does not decide the result, and always if the other argument may have no value.
     """
     if domains.limited(other):
         return when

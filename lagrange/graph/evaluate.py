@@ -17,12 +17,12 @@ from lagrange.graph.node import Kind, Node, reachable
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
-"""Least number beyond all doubles; values from here on are refused. Their sine would need as many digits of pi."""
+"""Smallest number beyond all doubles; larger values are refused. Their sine would need as many digits of pi."""
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """A kind of numbers: the conversion of a fraction, and the operations and functions of nodes on them."""
+    """A type of numbers with the operations and functions of nodes on it, and the conversion of a fraction."""
 
     number: Callable[[Fraction], Any]
     total: Callable[[list[Any]], Any]

@@ -119,7 +119,7 @@ def _heaviside(graph: Graph, a: Node, middle: Node) -> Node:
 
 
 def _either(graph: Graph, condition: Node, then: Node, otherwise: Node) -> Node:
-    """Return the condition that holds by another one, which SymPy makes of a Piecewise that is compared."""
+    """Return the graph form of SymPy's ITE, a condition that chooses between two others."""
     ways = [(condition, then), (graph.call("not", condition), otherwise)]
     both = [a if b is graph.one else graph.call("and", a, b) for a, b in ways if b is not graph.zero]
     return _fold("or")(graph, *both) if both else graph.zero

@@ -30,14 +30,18 @@ LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
 
 LONGEST_PRODUCT = 4 * LONGEST_FLAT
-"""Longest product of one node: a longer one becomes a product of products, for each factor has its own derivative."""
+"""Largest number of factors in one node; a longer product becomes a product of products, because each factor has its
+own derivative."""
 
 _ADDING = threading.Lock()
 """Lock for adding a node: threads that run one model share its graph."""
 
 
 class Binding(enum.IntEnum):
-    """Latest kind of quantity that a node depends on. Nodes up to PARAMETER are computed once per run."""
+    """Latest kind of quantity that a node depends on, from constants to accelerations.
+
+    Nodes up to PARAMETER are computed once per run.
+    """
 
     CONSTANT = 0
     PARAMETER = 1
@@ -308,7 +312,7 @@ class Graph:
         return [*rest, *((self.call("abs", factor.args[0]), factor.data) for factor in moving)]
 
     def call(self, name: str, *args: Node) -> Node:
-        """Return the function of that name, an entry of `FUNCTIONS`, at the arguments."""
+        """Return the value of an elementary function, given by its name in `FUNCTIONS`, at the arguments."""
         function = FUNCTIONS[name]
         if function.arity is not None and len(args) != function.arity:
             raise StatementError(f"{name} takes {function.arity} arguments, not {len(args)}.")

@@ -30,7 +30,7 @@ TOLERANCE = 1e-13
 30 us."""
 
 MOST_STEPS = 5000
-"""Most steps between two recorded states; a pendulum takes one."""
+"""Largest number of steps between two recorded states; a pendulum takes one."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.solution import Solution
 
 MOST_SLIDERS = 12
-"""Most sliders of a system: more are hard to use."""
+"""Largest number of sliders of a system: more are hard to use."""
 
 LONGEST = 1.0
 """Longest time of a run for sliders in Python, in seconds, before it ends with a message."""

@@ -32,7 +32,7 @@ def quantity_program(model: Model, quantity: str) -> Program:
 
 
 def entries(model: Model) -> list[str]:
-    """Return a line of plain ASCII text for each entry of y and of p."""
+    """Return a line of plain ASCII text that names each entry of y and of p."""
     state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 

@@ -52,7 +52,7 @@ DIGITS = 17
 
 @dataclass(frozen=True, eq=False)
 class SympyForm:
-    """A quantity in plain symbols: of time `t`, of `q` and `v`, named x and x_dot, and of the parameters `p`.
+    """A quantity in plain symbols: time `t`, `q` and `v`, named x and x_dot, and the parameters `p`.
 
     `replacements` are pairs (symbol, expression), each of which may contain the symbols before it. `results` are the
     entries in C order, which fill `shape`: as from sympy.cse.
@@ -76,7 +76,7 @@ class SympyForm:
         return (self.t, *self.q, *self.v, *self.p)
 
     def common(self, _: Any = None) -> tuple[list[tuple[Any, Any]], list[Any]]:
-        """Return replacements and results, for sympy.lambdify(..., cse=form.common)."""
+        """Return replacements and results in the form that sympy.lambdify(..., cse=form.common) expects."""
         return list(self.replacements), list(self.results)
 
     def expanded(self) -> list[Any]:

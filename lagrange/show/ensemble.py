@@ -71,7 +71,7 @@ MOST_LETTERS = 240
 """Longest message of a failed member on the card, in characters; `messages` has the whole text."""
 
 MOST_DRAWN = 1_000_000
-"""Most members whose picture a notebook shows automatically: more take seconds to read and to draw."""
+"""Largest number of members whose picture a notebook shows automatically: more take seconds to read and to draw."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -159,7 +159,7 @@ GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))
 """Errors for which the table gives the fastest method."""
 
 _FOLDED = 12
-"""Most runs in a table that a notebook shows unfolded."""
+"""Largest number of runs in a table that a notebook shows unfolded."""
 
 _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", "status")
 

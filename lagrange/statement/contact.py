@@ -22,7 +22,8 @@ impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
 """The speed -dgap/dt before an impact, for a restitution that depends on it."""
 
 along = sympy.Symbol("along", real=True)
-"""The part of a surface up to one of its points, from 0 to 1: the surface from (0, 0) to (2, 1) is (2*along, along)."""
+"""Parameter that runs along a drawn surface, from 0 at its start to 1 at its end: the surface from (0, 0) to (2, 1) is
+(2*along, along)."""
 
 
 @dataclass(frozen=True)

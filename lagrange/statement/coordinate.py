@@ -66,7 +66,8 @@ PREDEFINED = {t.name: "time", "pi": "a constant"}
 """Names with a fixed meaning in every statement, and this meaning as the words of a message."""
 
 MOST_LETTERS = 10_000
-"""Most letters of an expression as the label of a row: enough that the labels of two expressions differ."""
+"""Largest number of letters of an expression as the label of a row: enough that the labels of two expressions
+differ."""
 
 
 def check_name(name: str, what: str) -> str:

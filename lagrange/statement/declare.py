@@ -80,7 +80,7 @@ def declare(
     surfaces: Mapping[str, Any] | None = None,
     check_inertia: bool = True,
 ) -> Statement:
-    """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols.
+    """Return the checked, frozen record of a statement. Raises StatementError in the user's symbols.
 
     `check_inertia` differentiates in SymPy to find coordinates without inertia. The equations refuse them, too.
     """
@@ -215,7 +215,7 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
-    """Return T, V and L by name, as typed; a system given by L alone has L alone."""
+    """Return the stated ones of T, V and L by name, as they were typed."""
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
@@ -228,7 +228,10 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
 
 
 def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
-    """Return (T, V, L), and add them to the survey; a system given by L alone has T = L and V = 0."""
+    """Return (T, V, L) with shorthands replaced, and add them to the survey.
+
+    A system given by L alone has T = L and V = 0.
+    """
     full = {name: in_full(energy) for name, energy in typed.items()}
     if "lagrangian" in full:
         survey.add(full["lagrangian"], "the Lagrangian")
@@ -289,7 +292,7 @@ def _check_inferred(survey: Survey) -> None:
 
 
 def _make_one(survey: Survey) -> str:
-    """Return the remedy of an error: for a symbol named `theta_dot`, to make `theta` by `lg.coordinate('theta')`."""
+    """Return a hint for an error: for a symbol named `theta_dot`, to declare `theta` by `lg.coordinate('theta')`."""
     for symbol in survey.parameters:
         name = symbol.name.removesuffix("dot").removesuffix("_")
         if symbol.name.endswith("dot") and NAME.fullmatch(name):
@@ -386,7 +389,7 @@ def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
 
 
 def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
-    """Return the fields of `Statement` on what pictures draw."""
+    """Return the fields of `Statement` for pictures: positions, links and surfaces."""
     points, edges = _positions(positions, survey)
     lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
@@ -471,7 +474,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
 
 
 def _has_length(value: Any, *lengths: int) -> bool:
-    """Return whether the value is a sequence, or a vector, of one of these lengths."""
+    """Return True if the value is a sequence or a vector whose length is one of `lengths`."""
     if isinstance(value, np.ndarray):
         return value.ndim == 1 and len(value) in lengths
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths

@@ -107,7 +107,7 @@ def _zero(given: Any) -> Any:
 
 
 def _instead_of(given: Any) -> str:
-    """Return the end of the message for an event that is not an expression: its text, its type, and the remedy."""
+    """Return the end of the message for an argument that is not an event: its text, its type, and the remedy."""
     written = _written(given)
     match given:
         case str() | bytes():
@@ -204,7 +204,10 @@ def _with_gaps(one: Event, statement: Statement) -> Event:
 
 
 def _either_way(given: Any) -> Event:
-    """Return the event of a bare expression. Equal expressions give the same object, for caches keyed by it."""
+    """Return the event, of both directions, of a bare expression.
+
+    Equal expressions give the same object, for caches keyed by it.
+    """
     return _kept(given) if isinstance(given, sympy.Expr) else event(given)
 
 

@@ -22,13 +22,14 @@ MOST_ENTRIES = 10_000
 """Largest number of entries of a vector. A generator with more is refused, for it may have no end."""
 
 DEEPEST = 400
-"""Most levels of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each level."""
+"""Largest number of levels of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each
+level."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
 
 
 def expression(value: Any, what: str) -> Any:
-    """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
+    """Return a user's value, an expression or a number, as a SymPy expression; `what` names it in the refusal."""
     return in_full(as_typed(value, what))
 
 
@@ -61,7 +62,7 @@ def as_typed(value: Any, what: str) -> Any:
 
 
 SHORTHAND = "shorthand"
-"""Attribute of a function of time: the expression that it abbreviates, such as an entry of a rotation."""
+"""Attribute of a function of time with the expression that it abbreviates, such as an entry of a rotation."""
 
 
 def is_shorthand(value: Any) -> bool:
@@ -131,7 +132,7 @@ def _of_array(value: Any, what: str) -> list[Any] | None:
 
 
 def vector(value: Any, what: str) -> list[Any]:
-    """Return the entries of a sequence, array or matrix as typed, or a single expression as a vector of one."""
+    """Return the entries of a sequence, array or matrix as typed; a single expression is a vector of one entry."""
     components = entries(value, what)
     if components is None:
         return [as_typed(value, what)]

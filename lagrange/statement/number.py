@@ -36,12 +36,12 @@ MOST_NUMBERS = 2**29
 allocation: the operating system would end the process without a message."""
 
 MOST_AXES = 32
-"""Most levels of nested lists: the most axes of a NumPy array."""
+"""Largest number of levels of nested lists: the most axes of a NumPy array."""
 
 _FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
-"""Types that are refused as numbers, although NumPy converts them to numbers inside a list."""
+"""Types that are refused in place of numbers; NumPy would convert them inside a list."""
 
 _ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
 """Types that NumPy reads up to their stated length, or does not read as sequences."""
@@ -126,9 +126,9 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
 
 
 def _ended(value: Any, entries: int, what: str) -> Any:
-    """Return a sequence of a user-defined class as a list. NumPy would read it to its end, which may never come.
+    """Return a sequence of a user's class as a list, if it ends.
 
-    Raises StatementError for more entries than its length.
+    NumPy would read it to its end, which may never come. Raises StatementError for more entries than its length.
     """
     if type(value) in (list, tuple) or not isinstance(value, Sized):
         return value
@@ -143,9 +143,9 @@ def _ended(value: Any, entries: int, what: str) -> Any:
 
 
 def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
-    """Return the number of entries of a list, nested lists included. Raises StatementError for types not numbers.
+    """Return the number of entries of a list, nested lists included.
 
-    `above` are the ids of the enclosing lists.
+    Raises StatementError for entries that are not numbers. `above` are the ids of the enclosing lists.
     """
     if type(value) not in (list, tuple):
         return len(value) if isinstance(value, Sized) and not isinstance(value, np.ndarray) else np.size(value)

@@ -261,7 +261,7 @@ def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
 
 
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
-"""Names that probably mean time or pi, with their meaning and the spelling to use instead."""
+"""Names that probably mean time or pi, with the spelling to use instead."""
 
 
 def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:

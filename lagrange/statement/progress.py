@@ -15,7 +15,7 @@ from typing import Any
 from lagrange.statement.number import flag, one_of
 
 SILENT_SECONDS = 2.0
-"""Seconds before a line says that something is being compiled or derived."""
+"""Seconds of compiling or deriving before a line reports it."""
 
 LINES = "lines"
 """Value of `progress` for lines instead of a bar where there is no terminal, as in a log file: one in ten seconds."""

@@ -273,7 +273,7 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
 def _on_rates(
     table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
-    """Return the entries of a table that are not on rates of rotations, and three values by each vector of rates.
+    """Split a table into entries that are not on rates of rotations, and the three values for each vector of rates.
 
     Keys on rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
     value that is not given is None. `what` is the prefix of names of rates in messages. Raises StatementError for other

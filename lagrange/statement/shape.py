@@ -18,7 +18,7 @@ Place = tuple[float, float, float]
 """A point of a body of size one, in the axes of the body."""
 
 PARTS = 16
-"""Number of edges of a circle."""
+"""Number of straight edges that draw a circle."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
 
 
 def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
-    """Return three entries; if all are `equal`, one value stands for them."""
+    """Return three entries. If they must be `equal`, a single value is repeated."""
     parts = entries(value, what)
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:

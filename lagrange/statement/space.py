@@ -31,7 +31,7 @@ class SpaceMatrix(sympy.ImmutableMatrix):
 
 
 def in_space(value: Any) -> Any:
-    """Return a tuple, list or array as a vector; anything else, such as a number or a SymPy matrix, as it is."""
+    """Return a tuple, list or array as a vector, and any other value unchanged."""
     if not isinstance(value, (tuple, list, np.ndarray)):
         return value
     parts = entries(value, "a vector in space")

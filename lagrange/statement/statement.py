@@ -23,7 +23,7 @@ ROD, SPRING, EDGE = "rod", "spring", "edge"
 KINDS = (ROD, SPRING, EDGE)
 
 CHORDS = 64
-"""Straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius."""
+"""Number of straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius."""
 
 
 class Link(NamedTuple):
@@ -153,7 +153,7 @@ class Statement:
 
     @cached_property
     def as_read(self) -> Statement:
-        """The statement as people read it: in turns and rates of the bodies if it has rotations, else itself."""
+        """The statement as people read it: in turns and rates of the bodies if it has rotations, else unchanged."""
         if self.reading is None:
             return self
         return self.reading.mapped(lambda expression: in_body_rates(expression, self.rotations))
@@ -234,7 +234,7 @@ class Statement:
 
     @property
     def multiplier_names(self) -> list[str]:
-        """Names of what has a multiplier: the constraints, then the contacts, whose multiplier is the normal force."""
+        """Names of all multipliers: those of constraints, then of contacts, where they are normal forces."""
         return [*(constraint.name for constraint in self.constraints), *(each.name for each in self.contacts)]
 
     @property

@@ -63,7 +63,7 @@ class Tolerances:
 
 
 MAX_STEPS = 10_000_000
-"""Most trial steps of a run, accepted or not; the states of a double pendulum then take 0.4 GB."""
+"""Largest number of trial steps of a run, accepted or not; the states of a double pendulum then take 0.4 GB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,7 +195,8 @@ A smaller change has no digits. A larger one may not be linear, unless a shorter
 """
 
 MOST_DISPLACEMENTS = 8
-"""Most displacements of one entry that are tried; its derivatives are zero if none is visible and linear."""
+"""Largest number of displacements of one entry that are tried; its derivatives are zero if none is visible and
+linear."""
 
 AHEAD, EULER_STEPS = 1 / 8, 2
 """The noise is also evaluated ahead: after this number of Euler steps of this part of the natural time.

@@ -11,10 +11,10 @@ HISTORY = ORDERS[-1]
 """Past steps that are stored."""
 
 MOST_CORRECTIONS = 50
-"""Most corrections of an equal step; then Newton's method has not converged."""
+"""Largest number of corrections of an equal step; then Newton's method has not converged."""
 
 MOST_CORRECTIONS_ADAPTIVE = 10
-"""Most corrections of a step with error control, which can be shortened instead."""
+"""Largest number of corrections of a step with error control, which can be shortened instead."""
 
 ROUND_OFF_FRACTION = 2.0**-6
 """Equal steps leave at most this fraction of round-off in an unknown.

@@ -33,7 +33,7 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, unrolled
 
 UNROLLED_PRODUCT = 64
-"""Most blocks for which the product of a matrix and a vector is written out."""
+"""Largest number of blocks for which the product of a matrix and a vector is written out."""
 
 
 @procedure(given=running)

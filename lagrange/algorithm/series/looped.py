@@ -30,7 +30,7 @@ SHORTEST_RUN = 4
 """Shortest run of adjacent values that is copied in a loop, which compilers vectorize."""
 
 TILE = 48
-"""Most sums in one loop: their totals stay in registers."""
+"""Largest number of sums in one loop: their totals stay in registers."""
 
 
 def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:

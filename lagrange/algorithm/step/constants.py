@@ -40,7 +40,7 @@ SMALL_FLOOR = 2.0**-24
 """An entry may be rounding if its floor is below this part of the largest of its kind, in lanes and other packages."""
 
 MOST_SURVEYS = 8
-"""Most surveys of the sizes in a run. If steps still shrink, the motion requires it."""
+"""Largest number of surveys of the sizes in a run. If steps still shrink, the motion requires it."""
 
 SHORTEST_LAST_STEP = 1e-6
 """A final step below this fraction of h is grid round-off; merge it with the previous step."""

@@ -118,11 +118,9 @@ SHORTEST_SCALE = 1e-280
 """The shortest scale of time: a step of 2**-45 of it is still a normal double."""
 
 MOST_RESCALINGS = 120
-"""Most changes of the scale of time for one step; beyond them the coefficients count as infinite.
-
-From a scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289, and 96 by `LONGER_SCALE` from
-there to 1e289.
-"""
+"""Largest number of changes of the scale of time for one step; beyond them the coefficients count as infinite. From a
+scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289, and 96 by `LONGER_SCALE` from there to
+1e289."""
 
 EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
 """Noise of an event function, as a multiple of its change under a perturbation of the state: round-off of the state,

@@ -17,10 +17,10 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_SAMPLES = 12_000
-"""Most times at which a run is evaluated, unless there are more frames: 12,000 take some 50 ms."""
+"""Largest number of times at which a run is evaluated, unless there are more frames: 12,000 take some 50 ms."""
 
 MOST_DETAIL = 16
-"""Most samples for each frame: a path turns by a few degrees between two of them."""
+"""Largest number of samples for each frame: a path turns by a few degrees between two of them."""
 
 _GAP = 2.5
 """If V and E, drawn from zero, extend the range of the energies by more than this factor, they are drawn from the least

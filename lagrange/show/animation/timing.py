@@ -12,7 +12,7 @@ from lagrange.statement.number import real_number
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_FRAMES = 3000
-"""Most frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
+"""Largest number of frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
 
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""

@@ -169,13 +169,13 @@ MOST = 2**18
 noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
 
 _MOST_VALUES = 2**24
-"""Most samples times rows: 128 MB."""
+"""Largest number of samples times rows: 128 MB."""
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
 """Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
 
 MOST_ROUNDS = 60
-"""Most rounds of halving; fewer lead from any interval to the least."""
+"""Largest number of rounds of halving; fewer lead from any interval to the least."""
 
 _SHARE = 0.47
 """Point at which an interval is divided, as a fraction of its length. It is not 0.5: a symmetric turning point would

@@ -133,13 +133,13 @@ BANDS = ((0.05, 0.95), (0.25, 0.75))
 """Quantiles between which a fan is shaded; the wider band is paler."""
 
 FEW = 12
-"""Most members that are drawn as separate lines in a fan."""
+"""Largest number of members that are drawn as separate lines in a fan."""
 
 BINS = 60
-"""Most bins of a histogram."""
+"""Largest number of bins of a histogram."""
 
 MOST_CROSSES = 200
-"""Most failed members that are marked with a cross each on a map; more are shown by their colour only."""
+"""Largest number of failed members that are marked with a cross each on a map; more are shown by their colour only."""
 
 EVEN = 1e-9
 """Tolerance of equal spacing: the largest difference of spacings relative to the range of the values."""

@@ -53,7 +53,7 @@ def __getattr__(name: str) -> Any:
 
 
 _MOST = 8
-"""Most rows or columns of panels: more are too small to be read."""
+"""Largest number of rows or columns of panels: more are too small to be read."""
 
 _WIDTH, _NARROW, _HEIGHT = 7.2, 5.3, 3.4
 """Size of a panel in inches: width of a single one, width of one beside others, and height."""

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Panel = TimePanel | PhasePanel | PathPanel
 
 _MOST_PHASES = 9
-"""Most phase planes in one figure."""
+"""Largest number of phase planes in one figure."""
 
 
 class Contents:
@@ -153,7 +153,7 @@ _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
 width: smaller panels collapse."""
 
 MOST_QUANTITIES = 100
-"""Most entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
+"""Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
 
 _ONE_COLUMN = 4
 """More coordinates than this are in two columns."""

@@ -38,7 +38,7 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
 
 
 MOST_NAMED = 10
-"""Most moving points with a colour and a name each; more are alike and small."""
+"""Largest number of moving points with a colour and a name each; more are alike and small."""
 
 _SMALL = 0.4
 """Factor of the size of moving points beyond `MOST_NAMED`."""
@@ -174,7 +174,7 @@ _LARGEST, _SMALLEST = 5, -4
 """Powers of ten from which on, and up to which, numbers are written as 10⁵ or 10⁻⁴."""
 
 _MOST_DIGITS = 15
-"""Most decimals: more than a double has."""
+"""Largest number of decimals: more than a double has."""
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST_NUMBERS = 7
-"""Most numbers at the ticks of a horizontal axis."""
+"""Largest number of numbers at the ticks of a horizontal axis."""
 
 FEWEST_TICKS, MOST_TICKS = 3, 10
 """Least and largest number of tick labels on a logarithmic scale."""

@@ -17,7 +17,7 @@ import numpy as np
 from lagrange.errors import StatementError, counted, shown
 
 MOST_ARRAYS = 10_000
-"""Most arrays in a file: those of a run are about ten, and two for each event."""
+"""Largest number of arrays in a file: those of a run are about ten, and two for each event."""
 
 UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, IndexError, ArithmeticError, RuntimeError, MemoryError),

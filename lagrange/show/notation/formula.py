@@ -255,7 +255,7 @@ def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
 WIDEST = 100
 """Width of a line in columns of Unicode text; a formula of this width also fills a printed page."""
 SHORT = 20
-"""Most operations of a formula that fits into a line without being measured."""
+"""Largest number of operations of a formula that fits into a line without being measured."""
 
 MEANINGS = {
     "L": "Lagrangian",

@@ -16,17 +16,16 @@ if TYPE_CHECKING:
 # SymPy is imported in functions: the command line parses its options before it needs SymPy.
 
 READABLE = 150
-"""Most operations in a solved acceleration that a page prints; a longer one is replaced by a sentence.
-
-150 operations fill five lines; those of the double pendulum have 60. `accelerations()` has all of them.
-"""
+"""Largest number of operations in a solved acceleration that a page prints; a longer one is replaced by a sentence. 150
+operations fill five lines; those of the double pendulum have 60. `accelerations()` has all of them."""
 LARGEST_MATRIX = 6
-"""Most rows of a matrix that a page shows."""
+"""Largest number of rows of a matrix that a page shows."""
 WIDEST_MATRIX = 50
-"""Most operations in a row of a matrix, where each column is as wide as its longest entry; they fill a line."""
+"""Largest number of operations in a row of a matrix, where each column is as wide as its longest entry; they fill a
+line."""
 
 WIDEST_VECTOR = 30
-"""Most operations of all entries of a vector on one line."""
+"""Largest number of operations of all entries of a vector on one line."""
 
 
 @dataclass(frozen=True)

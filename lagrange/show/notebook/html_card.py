@@ -20,7 +20,7 @@ MOST_TABLE = 12_000
 MOST_TEXT = 600
 """Longest sentence or entry, in characters; print() shows all of it."""
 MOST_SENTENCES = 8
-"""Most sentences about one result in a notebook."""
+"""Largest number of sentences about one result in a notebook."""
 _LEFT = "style='text-align:left'"
 
 

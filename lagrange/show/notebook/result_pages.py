@@ -136,7 +136,7 @@ def _linearization(linear: Linearization) -> Iterator[Part]:
 
 
 MOST_ROWS = 8
-"""Most rows of a matrix that a notebook shows."""
+"""Largest number of rows of a matrix that a notebook shows."""
 
 
 @notebook_page.register
@@ -146,7 +146,8 @@ def hamiltonian_page(hamiltonian: Hamiltonian) -> str:
 
 
 MOST_SIMPLIFIED = 60
-"""Most operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and takes 1 s."""
+"""Largest number of operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and
+takes 1 s."""
 
 
 def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:

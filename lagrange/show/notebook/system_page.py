@@ -45,7 +45,7 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
 
 
 MOST_NAMED = 12
-"""Most coordinates that are named; more are only counted."""
+"""Largest number of coordinates that are named; more are only counted."""
 
 
 def _stated(statement: Statement, writer: PageWriter) -> Iterator[Part]:

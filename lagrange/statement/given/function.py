@@ -20,7 +20,8 @@ from lagrange.statement.statement import Statement
 DEGREE = 3
 """Degree of the polynomial that replaces an open function while the structure of the equations is analysed."""
 ORDERS_BEHIND = 2
-"""Orders of derivatives of an input beyond the highest in the statement: equations contain no higher ones."""
+"""Number of derivatives of an input beyond the highest in the statement that are provided: equations contain no higher
+ones."""
 
 
 def given(name: str, values: Any = None) -> Any:
@@ -110,7 +111,7 @@ def with_inputs(statement: Statement) -> Statement:
 def _put_in(
     statement: Statement, open_values: Callable[[Any], Callable[[int], Any]], symbols: dict[Any, Any]
 ) -> Statement:
-    """Return the statement with its given functions replaced by values, and undefined functions by polynomials.
+    """Return the statement with given functions replaced by their values, and undefined functions by polynomials.
 
     `open_values` maps an open function to its derivatives by order, and enters their new symbols in `symbols`. These
     become the last parameters.

@@ -73,24 +73,30 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
 
 _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
-"""The latest tables over expressions: a spline does not show all of their numbers exactly."""
+"""Recently made tables. A spline does not show all of its table's numbers exactly, so they are looked up here."""
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return the argument and the numbers of a spline that one of the latest tables gives exactly, else None."""
+    """Return the argument of a spline and the table it was made from, or None.
+
+    Only recently made tables are known. `node` must be exactly their spline.
+    """
     found = table_range(node)
     same = [table for table in tuple(_LATEST) if found and _ends(table) == found[1:]]
     return next(((found[0], table) for table in same if found and spline(table, 0, found[0]) == node), None)
 
 
 def _ends(table: TabulatedFunction) -> tuple[float, float]:
-    """Return the ends between which a spline has values, a little beyond the first and the last point."""
+    """Return the range of arguments in which a spline has values, a little beyond its first and last point."""
     first, last = (OVERHANG * (table.points[i + 1] - table.points[i]) for i in (0, -2))
     return table.points[0] - first, table.points[-1] + last
 
 
 def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
-    """Return a table from two columns; `points` is the word of messages for the entries of the first, such as times."""
+    """Return a table from two columns of numbers.
+
+    `points` names the entries of the first column in messages, such as "times".
+    """
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
         raise StatementError(f"{what} is an array without entries: give {both}.")
@@ -152,7 +158,7 @@ def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
 
 
 MARK = "motion"
-"""Attribute by which SymPy distinguishes given functions from coordinates, and from one another."""
+"""Attribute of the functions of time that are given; SymPy distinguishes functions by it."""
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ from lagrange.statement.vocabulary.elementary import ELEMENTARY
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS, WORDS, FunctionWord
 
 DEEPEST = 64
-"""Most levels of nested parentheses, signs and powers."""
+"""Largest number of levels of nested parentheses, signs and powers."""
 
 MOST_CHAINED = 4
-"""Most chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
+"""Largest number of chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
 
 MULTIPLIER = "multiplier"
 """Call for the multiplier of a constraint: multiplier(rod).

@@ -15,16 +15,16 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 
 LARGEST_EXPONENT = 1000
 MOST_BITS = 256
-"""Most bits of an exact numerator or denominator: 77 digits."""
+"""Largest number of bits of an exact numerator or denominator: 77 digits."""
 MOST_BRANCHES = 32
-"""Most branches of a condition."""
+"""Largest number of branches of a condition."""
 MOST_ARGUMENTS = 16
-"""Most arguments of min and max: SymPy compares them pair by pair."""
+"""Largest number of arguments of min and max: SymPy compares them pair by pair."""
 MOST_DOUBTFUL = 5
-"""Most parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can double the
-work."""
+"""Largest number of parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can
+double the work."""
 MOST_COMPARED = 200
-"""Most parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
+"""Largest number of parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
 CHUNK = 50
 """Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk."""
 
@@ -64,7 +64,7 @@ class Guard:
         return self.varies[expression]
 
     def enter(self, node: Any) -> None:
-        """Note a checked node; a guard of unevaluated expressions does."""
+        """Store a node that is checked; a guard of unevaluated expressions also examines it."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
         """Return `build(*parts)` for sympy.Add or sympy.Mul, in chunks of which each is checked."""

@@ -11,11 +11,11 @@ from lagrange.errors import SceneError
 from lagrange.statement.vocabulary.letters import LETTER, NAME, WORD
 
 LONGEST = 10_000
-"""Most characters of an expression."""
+"""Largest number of characters of an expression."""
 LONGEST_UNEVALUATED = 1_000_000
-"""Most characters of an unevaluated expression, on which SymPy does no work."""
+"""Largest number of characters of an unevaluated expression, on which SymPy does no work."""
 LONGEST_NUMBER, LONGEST_UNEVALUATED_NUMBER = 100, 400
-"""Most characters of a number; in unevaluated expressions those of 1,000 bits, and a few more."""
+"""Largest number of characters of a number; in unevaluated expressions those of 1,000 bits, and a few more."""
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"

@@ -18,13 +18,14 @@ from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.vocabulary.words import WORDS
 
 SHARED = 40
-"""Least characters of a part that occurs twice and has a definition."""
+"""Smallest length, in characters, of a part that gets a definition because it occurs twice."""
 
 LONG_PART = 400
-"""Most characters of a part inside another one. A longer part has a definition."""
+"""Largest number of characters of a part inside another one. A longer part has a definition."""
 
 DEEP = 12
-"""Most levels of a part; each has at most four of the `expressions.DEEPEST` levels. A deeper part has a definition."""
+"""Largest number of levels of a part; each has at most four of the `expressions.DEEPEST` levels. A deeper part has a
+definition."""
 
 IF, TERM, FACTOR, BASE, ATOM = range(5)
 """Binding strength of the outermost operation of a text, weakest first."""
@@ -105,7 +106,7 @@ class SharedText:
                 yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return the text of a node inside others: its own, or the name of its definition."""
+        """Return the text of a node inside other texts: its own text, or the name of its definition."""
         if isinstance(node, ExprCondPair):
             return Text("")
         write = next((write for kind, write in self._kinds if isinstance(node, kind)), None)

@@ -36,7 +36,7 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", 
 
 @dataclass
 class _Frame:
-    """A table, an inline table or a list that is being read."""
+    """A table, an inline table or a list whose text is being read."""
 
     path: KeyPath
     kind: str  # "table", "inline" or "list"

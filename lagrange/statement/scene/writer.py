@@ -28,7 +28,7 @@ BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789
 """The characters of a TOML key without quotation marks."""
 
 ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "potential": "the potential energy"}
-"""Keys of energies, and their names in messages."""
+"""Keys of energies in a scene, with their names in messages."""
 
 
 def scene_text(statement: Statement) -> str:

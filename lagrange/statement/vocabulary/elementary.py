@@ -23,12 +23,12 @@ Rule = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Elementary:
-    """An elementary function y = f(a).
+    """An elementary function y = f(a) of one number.
 
     Its derivative is `sign` / `slope(a)`, from which its Taylor coefficients follow too, or `derivative(y, a)`; then
-    `lagrange.program.recurrence` states its coefficients. It is `odd` or `even` or neither. `exact` is an argument
-    with its value, both whole, and `pole` the value at zero if that is infinite. `size` is "bounded" by 1, or "unit"
-    for a dimensionless argument or value that may cancel. `spread` says what costs digits: a "periodic" argument, or a
+    `lagrange.program.recurrence` states its coefficients. It is `odd` or `even` or neither. `exact` is an argument with
+    its value, both whole, and `pole` the value at zero if that is infinite. `size` is "bounded" by 1, or "unit" for a
+    dimensionless argument or value that may cancel. `spread` is the cause of lost digits: a "periodic" argument, or a
     "growing" value. It has a value `everywhere`, or for some numbers alone.
     """
 

@@ -1,4 +1,4 @@
-"""What a name is made of: Latin and Greek letters, digits and underscores. SymPy is not needed to know it."""
+"""Characters of names: Latin and Greek letters, digits and underscores. This module does not need SymPy."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ GREEK = {
     "Ψ": "Psi",
     "Ω": "Omega",
 }
-"""The Greek letters that a name may contain, by what they are called. Pi is a constant; others look like Latin ones."""
+"""Greek letters that a name may contain, with their names. Pi is missing because it is a constant; others because they
+look like Latin letters."""
 
 LETTER = f"A-Za-z{''.join(GREEK)}"
 """The letters of names, as part of a regular expression."""

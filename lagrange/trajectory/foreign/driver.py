@@ -35,7 +35,7 @@ FIRST_STEP_SPACINGS = 64
 """Least first step in spacings of floating-point times; SciPy fails below ten."""
 
 MOST_UNMOVED = 20
-"""Most consecutive steps that leave the time unchanged; LSODA begins with two at t = 1e9."""
+"""Largest number of consecutive steps that leave the time unchanged; LSODA begins with two at t = 1e9."""
 
 INTERPOLANT_BYTES = 300
 """Measured bytes of the path over a step, without its values."""
