@@ -22,7 +22,7 @@ from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given.function import require_values
 from lagrange.statement.number import ByName, flag
-from lagrange.statement.progress import deriving
+from lagrange.statement.progress import deriving, stating
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
 from lagrange.statement.scene.writer import scene_text
@@ -86,40 +86,40 @@ class System:
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
         names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one instant, newton or sequence.
         """
-        statement = declare(
-            kinetic=kinetic,
-            potential=potential,
-            lagrangian=lagrangian,
-            coordinates=coordinates,
-            forces=forces,
-            dissipation=dissipation,
-            constraints=constraints,
-            redundant=redundant,
-            parameters=parameters,
-            initial=initial,
-            positions=positions,
-            links=links,
-            name=name,
-            dimensions=dimensions,
-            contacts=contacts,
-            simultaneous=simultaneous,
-            surfaces=surfaces,
-        )
-        self._adopt(statement)
+        with stating(name):
+            statement = declare(
+                kinetic=kinetic,
+                potential=potential,
+                lagrangian=lagrangian,
+                coordinates=coordinates,
+                forces=forces,
+                dissipation=dissipation,
+                constraints=constraints,
+                redundant=redundant,
+                parameters=parameters,
+                initial=initial,
+                positions=positions,
+                links=links,
+                name=name,
+                dimensions=dimensions,
+                contacts=contacts,
+                simultaneous=simultaneous,
+                surfaces=surfaces,
+            )
+            self._adopt(statement)
 
-    def _adopt(self, statement: Statement) -> None:
+    def _adopt(self, statement: Statement) -> System:
         self.statement = statement
         self._models: dict[str, Model] = {}
         self.laws: Equations = equations_of(statement, _reached)
+        return self
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
         """Return the system of a checked statement, such as `system.statement`. Raises StatementError otherwise."""
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
-        system = cls.__new__(cls)
-        system._adopt(statement)
-        return system
+        return cls.__new__(cls)._adopt(statement)
 
     @classmethod
     def from_scene(cls, path: str | Path) -> System:

@@ -7,7 +7,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -41,13 +42,31 @@ def deriving(name: str) -> AbstractContextManager[None]:
     return _announced(f"deriving {name}", f"derived {name}", wanted=True)
 
 
+def stating(name: Any) -> AbstractContextManager[None]:
+    """Show on a terminal or in a notebook that a statement is being read, as `compiling` does."""
+    said = name if isinstance(name, str) else "system"
+    return _announced(f"reading {said}", f"read {said}", wanted=True)
+
+
+_announcing: ContextVar[bool] = ContextVar("announcing", default=False)
+"""True while work is announced, or is not to be: parts of it are not announced themselves."""
+
+
 @contextmanager
 def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
     """Show `doing` after `SILENT_SECONDS` of work. In a notebook `done` replaces it at the end."""
-    display = _display_of(wanted)
-    if display is None:
-        yield
-        return
+    display = None if _announcing.get() else _display_of(wanted)
+    outside = _announcing.set(True)
+    try:
+        with nullcontext() if display is None else _timed(display, doing, done):
+            yield
+    finally:
+        _announcing.reset(outside)
+
+
+@contextmanager
+def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iterator[None]:
+    """Show `doing` on a display, with the time that it takes."""
     ended, began = threading.Event(), time.perf_counter()
 
     def tell() -> None:

@@ -227,6 +227,38 @@ def test_a_terminal_is_told_of_a_long_derivation(what: str, monkeypatch: pytest.
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 
+STAGES: dict[str, tuple[str, Callable[[], Any]]] = {
+    "reading bob": ("lagrange.system.equations_of", lambda: lg.System(lg.coordinate("u").dot ** 2, name="bob")),
+    "compiling pendulum": ("lagrange.compiler.quick_check", lambda: lg.scene("pendulum").compile()),
+}
+
+
+@pytest.mark.parametrize("what", STAGES)
+def test_a_terminal_is_told_of_long_work_before_runs(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
+
+    def slow(*_: object, **__: object) -> None:
+        until = time.monotonic() + 600.0
+        while not terminal.text and time.monotonic() < until:
+            time.sleep(0.01)
+
+    place, work = STAGES[what]
+    monkeypatch.setattr(place, slow)
+    work()
+    assert terminal.text.startswith(f"\r{what}: 0 s")
+
+
+def test_work_that_is_a_part_of_announced_work_is_not_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
+    with progress.compiling("pendulum", wanted=False), progress.stating("pendulum"):
+        time.sleep(0.1)
+    assert not terminal.text
+
+
 @pytest.mark.parametrize(("wanted", "patience"), [(False, 0.01), (True, 600.0)])
 def test_a_terminal_is_not_told_what_takes_no_time(
     wanted: bool, patience: float, monkeypatch: pytest.MonkeyPatch
