@@ -47,7 +47,7 @@ def test_plot_shows_what_is_asked_for(scene: str, capsys: pytest.CaptureFixture[
     assert "written to" in capsys.readouterr().out
     text = Path("a.svg").read_text("utf-8").lower()
     assert "#16191d" in text and text.count('id="axes_') == 2
-    assert "what = 'phases' is nothing to plot" in refused(capsys, "plot", scene, "--what", "phases")
+    assert "what = 'phases' is not a quantity to plot" in refused(capsys, "plot", scene, "--what", "phases")
 
 
 def test_help_names_all_that_a_picture_shows(capsys: pytest.CaptureFixture[str]) -> None:

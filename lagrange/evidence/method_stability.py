@@ -200,7 +200,7 @@ def step_of(method: Any) -> StepProgram:
     integrator = find(method)
     if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(
-            f"{integrator.name} has no step of its own that could be looked at: the series of taylor and the solvers "
-            "of SciPy and SUNDIALS change their orders on the way. Give a method such as rk4 or radau5."
+            f"{integrator.name} has no fixed step function to analyse: the series of taylor and the solvers of SciPy "
+            "and SUNDIALS vary their order during a run. Give a method such as rk4 or radau5."
         )
     return integrator.program

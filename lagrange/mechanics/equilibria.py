@@ -108,8 +108,8 @@ class _Problem:
         nonholonomic = [constraint.name for constraint in statement.constraints if not constraint.holonomic]
         if nonholonomic:
             raise StatementError(
-                f"{statement.name} has constraints on velocities ({listing(nonholonomic)}), and where it "
-                "stays at rest is a whole region: linearize(...) tells of one place whether it is an equilibrium."
+                f"{statement.name} has constraints on velocities ({listing(nonholonomic)}), so its equilibria form a "
+                "continuous region and cannot be listed: linearize(at=...).equilibrium says whether a point is one."
             )
         at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
         forces = [simplest(r.subs(at_rest, simultaneous=True)) for r in form.residuals]

@@ -115,7 +115,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
     if moving is None:
         raise StatementError(
             f"{statement.name} has constraints on velocities, and its forces depend on more coordinates than it has "
-            "independent velocities: linearize().A has the eigenvalues."
+            "independent velocities, so M, C and K have no modes: take the eigenvalues of linearize(...).A."
         )
     lin = moving
     values = matrix_values(lin, point)

@@ -205,7 +205,8 @@ def _result(future: Any) -> ChunkResult:
         result = future.result()
     if not isinstance(result, ChunkResult):
         raise RunError(
-            f"the executor gave {shown(result)} as the results of members: it changes what it is to compute."
+            f"the executor returned {shown(result)} in place of the results of members: give one that returns results "
+            "unchanged, such as concurrent.futures.ProcessPoolExecutor()."
         )
     return result
 

@@ -351,8 +351,8 @@ def bifurcation(
     if section is None and not depends_on_time(model.statement):
         if starts is not None:
             raise StatementError(
-                f"{model.statement.name} is not driven, and its equilibria have no starts: give section=..., an event "
-                "at which its motion is looked at, or leave starts out."
+                f"{model.statement.name} is not driven in time, so the diagram shows its equilibria, which need no "
+                "starts: leave starts out, or give section=..., an event at which its motion is sampled."
             )
         with counter(3, "value", wanted=progress) as report:
             known = model.with_defaults(parameters or {})

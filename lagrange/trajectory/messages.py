@@ -227,9 +227,9 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = row_names(problem), which
     return (
-        f"It used up {limit}, and {names[row]} limits the step: it is {y[row]:.2g} beside {y[largest]:.2g} for "
-        f"{names[largest]}, and without atol each entry keeps digits of its own. Give atol = "
-        f"{atol:.0e}, which leaves {names[row]} fewer, or raise {limit}."
+        f"It used up {limit}, because {names[row]} limits the step: it is {y[row]:.2g} while {names[largest]} is "
+        f"{y[largest]:.2g}, and without atol each entry is accurate to rtol of its own size. Give atol = {atol:.0e}, "
+        f"which needs fewer digits of {names[row]}, or raise {limit}."
     )
 
 

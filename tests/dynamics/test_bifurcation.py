@@ -177,7 +177,7 @@ def test_options_that_cannot_be_meant_are_refused() -> None:
         (duffing, {"points": 1}, "points = 1"),
         (duffing, {"skip": -1}, "skip = -1"),
         (duffing, {"follow": 2}, "follow = 2: give True or False"),
-        (hoop, {"starts": [{}]}, "is not driven, and its equilibria have no starts: give section="),
+        (hoop, {"starts": [{}]}, "is not driven in time, so the diagram shows its equilibria, which need no starts"),
     )
     for system, more, says in cases:
         name = system().statement.parameters[0]

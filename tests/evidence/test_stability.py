@@ -67,7 +67,7 @@ def test_the_matrix_is_what_a_step_does(name: str) -> None:
 
 
 def test_what_has_no_stability() -> None:
-    with pytest.raises(lg.StatementError, match="taylor has no step of its own"):
+    with pytest.raises(lg.StatementError, match="taylor has no fixed step function"):
         stability("taylor")
     with pytest.raises(lg.StatementError, match="verlet takes no damping"):
         growth("verlet", -1.0)

@@ -158,7 +158,7 @@ def test_the_card_says_it_in_numbers_and_names_a_remedy() -> None:
     solution = oscillator(-1e4 * x.dot).run(1.0, method="dopri5")
     assert solution.stiff
     words = solution.stiff.sentence()
-    assert words.startswith("stiff: at 100% of the steps looked at, h * 1e+04 = 3.3 is near the stability limit 3.3 ")
+    assert words.startswith("stiff: at 100% of the examined steps, h * 1e+04 = 3.3 is near the stability limit 3.3 ")
     assert "the solution changes " in words and words.endswith("use radau5.")
     assert solution.card()["stiff"] == words and words in repr(solution) and "stability limit" in solution._repr_html_()
     gentle = oscillator(-0.1 * x.dot).run(10.0, method="dopri5")

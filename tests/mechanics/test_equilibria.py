@@ -181,7 +181,7 @@ def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
                 x.dot**2 + y.dot**2 + theta.dot**2, constraints={"edge": y.dot * cos(theta) - x.dot * sin(theta)}
             ),
             None,
-            "system has constraints on velocities (edge), and where it stays at rest is a whole region: linearize(",
+            "system has constraints on velocities (edge), so its equilibria form a continuous region",
         ),
         (hoop, {theta: 1}, "theta is not ignorable, and cannot have a steady velocity: those that are, are none."),
         (hoop, {theta.dot: 1}, "rates names velocities: give coordinates, such as {theta: 1.0}."),

@@ -187,7 +187,9 @@ def test_executors_that_run_nothing() -> None:
     refused(lambda: run(executor=ThreadPoolExecutor), "executor is <class")
     refused(lambda: run(executor="dask"), "executor is 'dask': give a concurrent.futures executor")
     refused(lambda: run(executor=Giving(None)), "executor.submit(...) returned None")
-    refused(lambda: run(executor=Giving(future(3))), "the executor gave 3 as the results", error=lg.RunError)
+    refused(
+        lambda: run(executor=Giving(future(3))), "the executor returned 3 in place of the results", error=lg.RunError
+    )
     missing = future(ModuleNotFoundError("No module named 'lagrange'"))
     refused(lambda: run(executor=Giving(missing)), "cannot run members: No module named", error=lg.RunError)
 

@@ -150,8 +150,8 @@ def test_a_run_from_a_file_is_drawn_at_its_outputs_which_is_said(tmp_path: Any) 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"what": "energie"}, r"what = 'energie' is nothing to plot: give coordinates, .* or a SymPy expression"),
-        ({"what": []}, r"what = \[\] is nothing to plot"),
+        ({"what": "energie"}, r"what = 'energie' is not a quantity to plot: give coordinates, .* a SymPy expression"),
+        ({"what": []}, r"what = \[\] contains no quantity to plot"),
         ({"what": "path"}, "oscillator has no named points: state positions=.* with what='coordinates'"),
         ({"what": "multipliers"}, "oscillator has no constraints, and so no multipliers to plot"),
         ({"what": "violation"}, "oscillator has no constraints, and so no violation"),
@@ -178,7 +178,7 @@ def test_what_several_runs_cannot_have_is_refused() -> None:
         lg.plot([oscillator(), oscillator()], labels=["one"])
     wrongs: tuple[Any, ...] = ([], [3], 3)
     for wrong in wrongs:
-        with pytest.raises(StatementError, match="is nothing to plot: give solutions, such as"):
+        with pytest.raises(StatementError, match="give one solution, or a list of solutions, such as"):
             lg.plot(wrong)
     with pytest.raises(StatementError, match="there are 10 phase planes, and a figure has up to 9: choose"):
         free(10).plot("phase")

@@ -363,7 +363,7 @@ def test_the_message_names_the_entry_that_limits_the_step() -> None:
     x, y = lg.coordinates("x y")
     system = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + 1e6 * y**2) / 2, initial={x: 1, y: 1e-20})
     found = system.run(100.0, method="dop853", max_steps=200)
-    assert found.status is lg.Status.MAX_STEPS and "and y limits the step: it is" in found.message
-    assert "Give atol = 1e-12, which leaves y fewer, or raise max_steps." in found.message
+    assert found.status is lg.Status.MAX_STEPS and "because y limits the step: it is" in found.message
+    assert "Give atol = 1e-12, which needs fewer digits of y, or raise max_steps." in found.message
     plain = system.run(100.0, {y: 1e-3}, method="dop853", max_steps=200)
     assert "limits the step" not in plain.message

@@ -62,7 +62,7 @@ class Contents:
                 return self.named(other)
             if what not in names:
                 raise StatementError(
-                    f"what = {shown(what)} is nothing to plot: give {listing(WHAT)}, a coordinate or a velocity "
+                    f"what = {shown(what)} is not a quantity to plot: give {listing(WHAT)}, a coordinate or a velocity "
                     f"({listing(names[:8])}), or a SymPy expression.{suggestion(what, [*WHAT, *names])}"
                 )
         return self._over_time(lambda run: quantities.expression(run, what))
@@ -181,7 +181,7 @@ def plot_runs(
     chosen = chosen_coordinates(of, solutions[0].model.statement.names)
     contents = Contents(solutions, names, chosen, merged=ax is not None)
     if not items:
-        raise StatementError("what = [] is nothing to plot: give a name, a SymPy expression, or a list of them.")
+        raise StatementError("what = [] contains no quantity to plot: give a name, an expression, or a list of them.")
     if len(items) > MOST_QUANTITIES:
         raise StatementError(f"what lists {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
     panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
@@ -363,6 +363,7 @@ def plot(
     given = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
     if not given or not all(isinstance(one, Solution) for one in given):
         raise StatementError(
-            f"{shown(solutions)} is nothing to plot: give solutions, such as lg.plot([first, second])."
+            f"lg.plot got {shown(solutions)}: give one solution, or a list of solutions, such as "
+            "lg.plot([first, second])."
         )
     return plot_runs(given, what, of=of, ax=ax, size=size, style=style, labels=labels, dpi=dpi)

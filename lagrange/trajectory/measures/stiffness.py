@@ -94,7 +94,7 @@ class Stiffness:
         """Return the finding and the remedy as a sentence."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
-            f"stiff: at {self.share:.0%} of the steps looked at, h * {self.rate:.2g} = {self.product:.2g} is {where} "
+            f"stiff: at {self.share:.0%} of the examined steps, h * {self.rate:.2g} = {self.product:.2g} is {where} "
             f"the stability limit {self.limit:.2g} of {self.method}, while the solution changes {self.slower:.2g} "
             f"times more slowly; use {REMEDY}."
         )
