@@ -18,7 +18,16 @@ from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.linearization import Linearization
-from lagrange.mechanics.plain_form import is_zero, number, numeric, rational_below, root_of_square, simplest, size
+from lagrange.mechanics.plain_form import (
+    PlainForm,
+    is_zero,
+    number,
+    numeric,
+    rational_below,
+    root_of_square,
+    simplest,
+    size,
+)
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.notebook_page import ShownAsPage
@@ -72,9 +81,11 @@ class Modes(ShownAsPage):
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
 
-def check_first_order(lin: Linearization, name: str) -> None:
-    """Raise StatementError for coordinates without inertia, which have no vibrations."""
-    names = [name_of(q) for k, q in enumerate(lin.velocity_coordinates) if lin.M[k, :].is_zero_matrix]
+def check_first_order(lin: Linearization, form: PlainForm) -> None:
+    """Raise StatementError for coordinates without inertia at any state, which have no vibrations."""
+    name, coordinates = form.statement.name, form.statement.coordinates
+    massless = {q for q, p in zip(coordinates, form.momenta, strict=True) if not p.has(*form.v)}
+    names = [name_of(q) for q in lin.velocity_coordinates if q in massless]
     if not names:
         return
     what = f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so that {name} has no modes"
@@ -106,7 +117,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             "gives the matrices."
         )
     if not has_inertia(lin):
-        check_first_order(lin, statement.name)
+        check_first_order(lin, point.form)
         raise StatementError(
             f"the mass matrix of {statement.name} is singular at this point: state the modes in coordinates that are "
             "regular there."
