@@ -87,7 +87,7 @@ class Derivation:
     def lagrangian(self) -> Any:
         """L = T - V, merged and collected."""
         collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
-        return _shorter(collected, self.kinetic - self.potential) if self._is_short else collected
+        return _shorter(collected, self.kinetic - self.potential) if self._is_quoted else collected
 
     @cached_property
     def momenta(self) -> Mapping[Any, Any]:
@@ -231,10 +231,15 @@ class Derivation:
             return True
 
     @cached_property
-    def _is_short(self) -> bool:
-        """True if L as stated is short enough for SymPy to differentiate, and has no kinks."""
+    def _is_quoted(self) -> bool:
+        """True if L as stated is short and has no kinks, so that its parts may be shown as stated."""
         stated = self.statement.lagrangian
-        return not self.statement.entries and not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
+        return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
+
+    @cached_property
+    def _is_short(self) -> bool:
+        """True if SymPy also differentiates L as stated: it has no rotations."""
+        return self._is_quoted and not self.statement.entries
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
@@ -245,7 +250,7 @@ class Derivation:
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
-        if not self._is_short or potential.has(*stretched):
+        if not self._is_quoted or potential.has(*stretched):
             return False
         return bool(expand(kinetic.subs(stretched, simultaneous=True) - scale**2 * kinetic) == 0)
 
@@ -275,7 +280,7 @@ class Derivation:
 
     def _merged(self, what: str, stated: Any) -> Any:
         merged = self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
-        return _shorter(merged, stated) if self._is_short else merged
+        return _shorter(merged, stated) if self._is_quoted else merged
 
     def _each(self, what: str, parts: Callable[[TextbookAlgebra], Iterable[Any]]) -> Mapping[Any, Any]:
         return self._written(what, lambda page: page.by_coordinate(parts(page)))

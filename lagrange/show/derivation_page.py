@@ -209,7 +209,8 @@ class LatexPage(Page):
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
         """Return a sentence in LaTeX, with its symbols as formulas.
 
-        Symbols are a coordinate at the start of the sentence, momenta, Greek letters, and names that end with a digit.
+        Symbols are a coordinate at the start of the sentence, momenta, Greek letters, names that end with a digit, and
+        rotations with their entries and rates.
         """
         names = {*self.statement.names, *(p.name for p in self.statement.parameters)}
         letter = self.lines.sides.notation.letter
@@ -219,7 +220,8 @@ class LatexPage(Page):
             if word.startswith("p_") and word[2:] in names:
                 return f"${self.lines.sides.quantity(ShownQuantity('p', (word[2:],)))}$"
             first = match.start() == 0 and word in self.statement.names
-            shown = first or (word in names and (word in GREEK or word[-1].isdigit()))
+            turned = word.partition("_")[0] in self.statement.rotations
+            shown = first or turned or (word in names and (word in GREEK or word[-1].isdigit()))
             return f"${letter(word)}$" if shown else match.group()
 
         shown = _WORD.sub(formula, quoted(text))

@@ -175,6 +175,17 @@ def test_our_letters_give_way_to_the_symbols_of_the_statement() -> None:
     assert not re.search(r"\n    [ETVLD] = ", text)
 
 
+def test_a_word_for_a_letter_has_no_underscore_in_latex() -> None:
+    atwood = shared_scene("atwood-machine").derivation()  # the letter h is a length
+    assert r"\mathrm{right\ side} = \begin{pmatrix}" in atwood.latex() and "<mi>right side</mi>" in atwood.html()
+
+
+def test_energies_and_sentences_of_rotations_are_shown_as_stated_and_as_formulas() -> None:
+    latex = shared_scene("heavy-top").derivation().latex()
+    square = r"J_1 (R_{\mathrm{body}, x}^2 + R_{\mathrm{body}, y}^2)"
+    assert latex.count(square) == 3 and "R\\_" not in latex  # in T, L and E
+
+
 def test_our_letters_give_way_to_given_functions_too() -> None:
     field = lg.given("E")
     page = lg.System(m * x.dot**2 / 2, -k * field * x).derivation().unicode()

@@ -31,7 +31,7 @@ class LatexNotation(Notation):
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         r"""Return \mathcal{L}, or an upright word."""
-        spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word)
+        spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:

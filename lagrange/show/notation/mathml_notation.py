@@ -48,7 +48,11 @@ class MathmlNotation(Notation):
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         """Return a calligraphic capital, or the word."""
-        shown = chr(0x1D49C + ord(letter) - ord("A")) if letter in "DQTV" else {"L": "ℒ", "E": "ℰ"}.get(letter, word)
+        shown = (
+            chr(0x1D49C + ord(letter) - ord("A"))
+            if letter in "DQTV"
+            else {"L": "ℒ", "E": "ℰ"}.get(letter, word.replace("_", " "))
+        )
         return self.below(f"<mi>{shown}</mi>", list(map(self.letter, indices)))
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
