@@ -285,6 +285,9 @@ def test_derive(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert r"\[ m \ddot{y} + m g = 0 \]" in capsys.readouterr().out
     assert main(["derive", scene, "--format", "markdown"]) == 0
     assert capsys.readouterr().out.startswith("# drop\n")
+    above = {"title": "Fall", "author": "Ada", "date": "1 May", "problem": "Derive it."}
+    assert main(["derive", scene, *(word for field, text in above.items() for word in (f"--{field}", text))]) == 0
+    assert capsys.readouterr().out.startswith("Fall\nAda\n1 May\nDerive it.\n\nStated\n")
 
 
 def test_check(scene: str, capsys: pytest.CaptureFixture[str]) -> None:

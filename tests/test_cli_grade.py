@@ -36,8 +36,10 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     [
         ("theta_ddot + c\n", "line 1, column 14: 'c' is not a symbol of this system."),
         ("# nothing\n", "there is no equation: write one a line"),
-        (b"\xff\xfe", "the file is not a text in UTF-8. Save the answer as plain text."),
-        (b"PK\x03\x04\0\0theta", "the file is not a text in UTF-8. Save the answer as plain text."),
+        (b"\xff\xfea", "the file is not a text, as a document of a word processor. Save the answer as plain text."),
+        (b"PK\x03\x04\0\0theta", "the file is not a text, as a document of a word processor."),
+        (b"%PDF-1.4\n\xe2", "the file is not a text, as a document of a word processor."),
+        ("theta'' = 0\x1b[2J", "the file is not a text, as a document of a word processor."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
     ],
 )
@@ -46,6 +48,11 @@ def test_what_cannot_be_read_is_a_wrong_request(
 ) -> None:
     assert graded(tmp_path, text) == 2
     assert f"{tmp_path / 'answer.txt'}: {message}" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_answers_of_any_usual_encoding_are_read(encoding: str, tmp_path: Path) -> None:
+    assert graded(tmp_path, "l theta\u2019\u2019 = \u2013g sin theta \u00b7 1\r\n".encode(encoding)) == 0
 
 
 def test_a_name_too_long_for_a_file(capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,20 +74,21 @@ def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.Capt
         "Ada.txt": right,
         "Ben.md": wrong,
         "Ben.txt": wrong,
-        "Cam.txt": b"\xff\xfe",
+        "Cam.txt": b"\xff\xfea",
         ".x": b"y",
     }.items():
         (folder / name).write_bytes(answer)
     table = tmp_path / "grades.csv"
     assert main(["grade", "pendulum", str(folder), "--out", str(table)]) == 1
     shown = capsys.readouterr().out
-    assert [line.split()[:2] for line in shown.splitlines()[2:6]] == [
+    assert [line.split()[:2] for line in shown.partition("\n\n")[0].splitlines()[2:] if line[0] != " "] == [
         ["Ada", "right"],
         ["Ben.md", "wrong"],
         ["Ben.txt", "wrong"],
         ["Cam", "cannot"],
     ]
-    assert "1 of 4 are right. Folders inside are left out" in shown
+    assert "1 of 4 are right, 2 wrong, and 1 cannot be read. Folders inside are left out" in " ".join(shown.split())
+    assert max(map(len, shown.partition("\n\n")[0].splitlines())) <= 100
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[0] == {"student": "Ada", "verdict": "right", "finding": "", "reading": "l*theta_ddot = -g*sin(theta)"}

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import codecs
+import re
+import textwrap
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +16,8 @@ from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, 
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.files.csv_format import write_rows
-from lagrange.show.terminal import text_table
+from lagrange.show.terminal import columns_of_output, text_table
+from lagrange.statement.progress import counter
 
 if TYPE_CHECKING:
     from lagrange.system import System
@@ -24,8 +28,14 @@ LARGEST_FILE = 1_000_000
 LONGEST_SHOWN = 250
 """Longest name of a file in a message, in characters."""
 
+NARROWEST = 30
+"""Smallest width of the findings in the printed table, in characters."""
+
 COLUMNS = ("student", "verdict", "finding", "reading")
 """Columns of the table of a folder of answers."""
+
+_CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]|\A(?:%PDF|\{\\rtf)")
+"""A character or a beginning that no plain text has."""
 
 UNREADABLE = "cannot be read"
 """Verdict for an answer that cannot be read."""
@@ -54,7 +64,7 @@ def grade(request: argparse.Namespace) -> Answer:
         check_place(Path(request.out))
     system = load_scene(request.scene)
     if _is_folder(request.file):
-        return _grade_folder(system, Path(request.file), request.out)
+        return _grade_folder(system, Path(request.file), request.out, progress=not request.json)
     row = _graded(system, Path(request.file))
     if row["verdict"] == UNREADABLE:
         raise StatementError(f"{request.file[:LONGEST_SHOWN]}: {row['finding']}")
@@ -70,27 +80,37 @@ def _is_folder(name: str) -> bool:
         return False
 
 
-def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
+def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bool) -> Answer:
     """Compare every file of a folder; a file that cannot be read does not stop the others."""
     files = list(_answers(folder))
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
     stems = Counter(path.stem for path in files)
     rows = []
-    for done, path in enumerate(files, 1):
-        rows.append(_graded(system, path) | {"student": path.stem if stems[path.stem] == 1 else path.name})
-        if sys.stderr is not None and sys.stderr.isatty():
-            sys.stderr.write(f"\r{done} of {len(files)} answers" + "\n" * (done == len(files)))
+    with counter(len(files), "answer", wanted=progress) as report:
+        for done, path in enumerate(files, 1):
+            rows.append(_graded(system, path) | {"student": path.stem if stems[path.stem] == 1 else path.name})
+            if report is not None:
+                report(done)
     cells = [[str(row[column]) for column in COLUMNS] for row in rows]
-    right = sum(row["verdict"] == "right" for row in rows)
-    told = text_table(COLUMNS[:3], [line[:3] for line in cells])
-    summary = f"{right} of {len(rows)} are right."
+    verdicts = Counter(row["verdict"] for row in rows)
+    right, told = verdicts["right"], text_table(COLUMNS[:3], [*_wrapped(cells)])
+    summary = f"{right} of {len(rows)} are right, {verdicts['wrong']} wrong, and {verdicts[UNREADABLE]} cannot be read."
     if any(path.is_dir() for path in folder.iterdir()):
         summary += " Folders inside are left out: put one file for each student in the folder itself."
     if out is not None:
         write_atomically(out, lambda file: write_rows(file, COLUMNS, list(zip(*cells, strict=True))))
         summary += f" Written to {out}."
     return Answer(DONE if right == len(rows) else FAILED, f"{told}\n\n{summary}", {"answers": rows})
+
+
+def _wrapped(cells: Sequence[Sequence[str]]) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of the printed table; a finding that is wider than the output goes on below."""
+    width = columns_of_output() - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:2])
+    for student, verdict, finding, _ in cells:
+        first, *more = textwrap.wrap(finding, max(width, NARROWEST)) or [""]
+        yield student, verdict, first
+        yield from (("", "", line) for line in more)
 
 
 def _answers(folder: Path) -> Iterator[Path]:
@@ -125,11 +145,13 @@ def _text(path: Path) -> str:
             raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
         if path.stat().st_size > LARGEST_FILE:
             raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")
-        text = path.read_text("utf-8-sig")
+        data = path.read_bytes()
     except OSError as error:
         raise StatementError(f"the file cannot be read ({error.strerror}).") from None
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:  # as in documents of word processors
-        raise StatementError("the file is not a text in UTF-8. Save the answer as plain text.")
-    return text
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            if not _CONTROL.search(text):
+                return text
+    raise StatementError("the file is not a text, as a document of a word processor. Save the answer as plain text.")

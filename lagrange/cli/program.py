@@ -35,7 +35,7 @@ from lagrange.cli.streams import complain, output
 from lagrange.cli.writing import add_export, add_page, add_pictures
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.terminal import DETAILS, FORMATS, fitted
+from lagrange.show.terminal import ABOVE, DETAILS, FORMATS, fitted
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -141,6 +141,8 @@ def parser() -> argparse.ArgumentParser:
     derive_.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
+    for field in ABOVE:
+        derive_.add_argument(f"--{field}", metavar="TEXT", default="", help=f"the {field} above the derivation")
     derive_.add_argument("--detail", choices=DETAILS, default="full", help="short leaves out the steps (default: full)")
     check_ = add_command(
         commands, "check", check, "compare everything compiled with numerical differentiation of T and V"
@@ -160,8 +162,9 @@ def parser() -> argparse.ArgumentParser:
 
 def derive(request: argparse.Namespace) -> Answer:
     """Return the derivation of a scene's equations of motion."""
-    system = load_scene(request.scene)
-    return Answer(DONE, system.derivation(request.detail).written(request.format).rstrip("\n"))
+    derivation = load_scene(request.scene).derivation(request.detail)
+    above = {field: getattr(request, field) for field in ABOVE}
+    return Answer(DONE, derivation.written(request.format, **above).rstrip("\n"))
 
 
 def check(request: argparse.Namespace) -> Answer:

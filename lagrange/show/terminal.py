@@ -40,6 +40,9 @@ def duration(seconds: float) -> str:
 LEAST_WIDTH = 40
 """Width of a terminal in columns below which lines are not wrapped, because wrapping would not help."""
 
+USUAL_WIDTH = 100
+"""Width in columns of tables for an output that is no terminal."""
+
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")
 """Matches the first column of a table row."""
 
@@ -50,6 +53,12 @@ def fitted(text: str, stream: TextIO | None) -> str:
         return text
     columns = shutil.get_terminal_size().columns
     return text if columns < LEAST_WIDTH else "\n".join(_broken(line, columns) for line in text.split("\n"))
+
+
+def columns_of_output() -> int:
+    """Return the width in columns of a terminal at standard output, or `USUAL_WIDTH`."""
+    terminal = sys.stdout is not None and sys.stdout.isatty()
+    return shutil.get_terminal_size().columns if terminal else USUAL_WIDTH
 
 
 def _broken(line: str, columns: int) -> str:
@@ -75,6 +84,8 @@ def _broken(line: str, columns: int) -> str:
 
 DETAILS = ("full", "short")
 FORMATS = ("text", "unicode", "latex", "markdown", "html")
+ABOVE = ("title", "author", "date", "problem")
+"""Levels of detail of a derivation, its formats, and the texts that may be above it."""
 
 
 def terminal_style() -> str:

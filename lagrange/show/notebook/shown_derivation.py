@@ -8,7 +8,7 @@ from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
-from lagrange.show.derivation_page import LEFT_OUT, NO_HEADING, Heading, render
+from lagrange.show.derivation_page import LEFT_OUT, Heading, render
 from lagrange.show.notation.sections import Section, sections
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notebook.page_writer import (
@@ -63,15 +63,15 @@ class ShownDerivation(Derivation):
 
     def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
         """Return a document for pdflatex. The texts are above the derivation; the default title is the name."""
-        heading = Heading(text(title, "title"), text(author, "author"), text(date, "date"), text(problem, "problem"))
-        return self.written("latex", heading)
+        return self.written("latex", title=title, author=author, date=date, problem=problem)
 
-    def written(self, style: str | None = None, heading: Heading = NO_HEADING) -> str:
+    def written(self, style: str | None = None, **above: str) -> str:
         """Return the derivation in a style: "text", "unicode", "latex", "markdown" or "html".
 
-        The default style is Unicode if standard output is a terminal that supports it, else text. Raises StatementError
-        for another style.
+        The default style is Unicode if standard output is a terminal that supports it, else text. `above` are the texts
+        above the derivation: title, author, date and problem. Raises StatementError for another style.
         """
+        heading = Heading(**{field: text(value, field) for field, value in above.items()})
         chosen = terminal_style() if style is None else style
         with deriving(self.statement.name):
             return render(self, chosen, self.remarks, self.detail, heading)
