@@ -89,6 +89,8 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
             place += 1
             continue
         column = _column(factors, begin)
+        if place < len(tokens) and (tokens[place].is_sign("^") or tokens[place].kind == "power"):
+            raise TypedFault("a column has no powers", tokens[place].begin)
         if size not in (0, len(column)):
             raise TypedFault(f"a column has {len(column)} rows, and one before it {size}", begin.begin)
         size = len(column)

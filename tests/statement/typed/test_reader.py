@@ -284,6 +284,7 @@ def test_each_row_of_a_vector_equation_is_an_equation(text: str) -> None:
         ("Matrix([[x''], [theta'']]) = 0", "an answer has a matrix that is not read"),
         (rf"{PAIR} = \begin{{pmatrix}} x \\ x \\ x \end{{pmatrix}}", "a column has 3 rows, and one before it 2"),
         (r"\begin{pmatrix} x & m \end{pmatrix} = 0", "column 1: matrices that do not fit: expected is a column"),
+        (rf"{PAIR}^2 = 0", "a column has no powers"),
         (rf"\begin{{pmatrix}} x & m & g \end{{pmatrix}} {PAIR} = 0", "matrices that do not fit"),
         (r"\begin{pmatrix} x \\ & m \end{pmatrix} = 0", "an entry that is empty or a matrix"),
         (rf"\begin{{pmatrix}} {PAIR} \end{{pmatrix}} = 0", "an answer has a matrix that is not read"),
