@@ -73,11 +73,11 @@ def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
     """Raise StatementError for a force that is not linear in the multipliers `symbols`."""
     for name, force in zip(statement.names, statement.forces, strict=True):
         if any(force.diff(symbol).has(*symbols) for symbol in symbols):
-            used = listing(str(symbol) for symbol in symbols if force.has(symbol))
+            used = [str(symbol) for symbol in symbols if force.has(symbol)]
             raise StatementError(
-                f"the force on {name} is not linear in {used}: give a coefficient in coordinates, velocities and "
-                f"parameters times the multiplier, as -mu*{used}*sign({name}_dot), and end the run by an event where "
-                "it changes sign."
+                f"the force on {name} is not linear in {listing(used)}: give a coefficient in coordinates, velocities "
+                f"and parameters times a multiplier, such as -mu*{used[0]}*sign({name}.dot), and end the run by an "
+                "event where the multiplier changes sign."
             )
 
 

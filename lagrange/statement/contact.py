@@ -41,6 +41,11 @@ class Contact:
     friction: tuple[Any, Any]
     name: str = ""
 
+    def __repr__(self) -> str:
+        slip = f", slip {listing(map(formula, self.slip))}" if self.slip else ""
+        numbers = f"restitution {formula(self.restitution)}, friction {listing(map(formula, self.friction))}"
+        return f"<Contact: gap {formula(self.gap)}{slip}, {numbers}>"
+
     @property
     def slip_names(self) -> tuple[str, ...]:
         """Names of the velocity constraints slip = 0 of a contact that sticks."""

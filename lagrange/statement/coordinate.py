@@ -259,5 +259,9 @@ def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], syst
     """
     for name in names:
         if name not in held:
-            have = f"the constraints are {listing(held)}" if held else f"{system} has no constraints"
+            have = (
+                f"the constraint{' is' if len(held) == 1 else 's are'} {listing(held)}"
+                if held
+                else f"{system} has no constraints"
+            )
             raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

@@ -168,6 +168,9 @@ class Problem:
     began: float = field(default_factory=time.perf_counter)
     _values: FloatArray | None = field(default=None, init=False, repr=False)
 
+    def __repr__(self) -> str:
+        return f"<Problem of {shown(self.model)} from t = {shown(self.t0)} to {shown(self.t1)}>"
+
     def __post_init__(self) -> None:
         y0 = real_array(self.y0, "y0")
         if y0 is not self.y0:

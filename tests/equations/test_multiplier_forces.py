@@ -169,12 +169,20 @@ def test_a_statement_without_multipliers_is_left_alone() -> None:
     [
         ({"forces": {x: -mu * abs(NORMAL)}}, "the force on x is not linear in lambda[floor]: give a coef"),
         (
+            {
+                "forces": {x: -mu * sympy.sqrt(NORMAL**2 + lg.multiplier("wall") ** 2)},
+                "constraints": {"floor": y, "wall": x - y},
+            },
+            "the force on x is not linear in lambda[floor] and lambda[wall]: give a coefficient in coordinates, "
+            "velocities and parameters times a multiplier, such as -mu*lambda[floor]*sign(x.dot), and end",
+        ),
+        (
             {"forces": {x: NORMAL**2}},
             "the force on x is not linear in lambda[floor]: give a coef",
         ),
         (
             {"forces": {x: lg.multiplier("flor")}},
-            "a force contains lambda[flor], but the constraints are floor.",
+            "a force contains lambda[flor], but the constraint is floor.",
         ),
         ({"dissipation": NORMAL * x.dot**2}, "the dissipation contains lambda[floor], the multiplier of a constraint"),
         (

@@ -17,6 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.mechanics.grading.student_equations import spelled
 from lagrange.mechanics.grading.term_difference import expanded
 from tests.models import shared_scene
+from tests.public.values import nested
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")
 SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "swinging-atwood-machine", "henon-heiles")
@@ -297,6 +298,11 @@ def test_sympy_and_text_are_read_alike() -> None:
     assert pendulum.compare("# by hand\n\nl*theta_ddot = -g*sin(theta)  # the only one\n")
 
 
+@pytest.mark.parametrize("number", [5e-324, sp.Float("1e-400"), "theta_ddot + 1e-320"])
+def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any) -> None:
+    assert not system("pendulum").compare(number)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -324,6 +330,12 @@ def test_sympy_and_text_are_read_alike() -> None:
             [lg.multiplier("rod")],
             "equation 1 contains the multiplier of 'rod', which is not a constraint here; the constraints are none.",
         ),
+        ([lg.coordinate("theta") ** (10**30)], "equation 1 contains the exponent 10000000000000000000"),
+        (
+            [lg.coordinate("theta") ** sp.Rational(10**9, 3)],
+            "equation 1 contains the exponent 1000000000/3, which is out of bounds: at most",
+        ),
+        ([nested(lg.coordinate("theta"), 350)], "equation 1 is nested too deeply to be compared: multiply it out"),
         (["x" * 30_000], "equation 1 has 30000 characters, and 8000 are the most of an equation."),
     ],
 )

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import sympy
 
@@ -18,7 +19,7 @@ import lagrange as lg
 from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
-from tests.public.values import KINDS, MADE
+from tests.public.values import KINDS, MADE, Hostile, nested
 
 SEED = 20_240_229
 LONGEST = 120.0
@@ -170,3 +171,10 @@ def test_records_of_wrong_parts_are_refused(call: Any, words: str) -> None:
 
 def test_what_is_shown_has_no_bound_of_digits() -> None:
     assert "a whole number of about 5001 digits" in repr(lg.event(lg.coordinate("x"), reset={10**5000: 1.0}))
+    assert "a whole number of about 5001 digits" in repr(UNTYPED.Problem(None, {}, 0.0, 10**5000, np.zeros(2)))
+
+
+def test_what_is_shown_has_no_bound_of_levels() -> None:
+    deep = nested(lg.coordinate("x"), 350)
+    assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))
+    assert "Hostile" in repr(UNTYPED.Problem(None, {}, 0.0, Hostile(), np.zeros(2)))

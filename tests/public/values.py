@@ -34,7 +34,16 @@ def itself() -> list[Any]:
     return made
 
 
+def nested(inner: Any, levels: int) -> Any:
+    """Return an expression of many levels, which SymPy's recursive functions cannot read."""
+    for _ in range(levels):
+        inner = sympy.sin(inner, evaluate=False)
+    return inner
+
+
 NUMBERS: list[Any] = [
+    5e-324,
+    sympy.Float("1e-400"),
     0,
     1,
     -1,
@@ -100,6 +109,9 @@ TEXTS: list[Any] = [
 ]
 
 EXPRESSIONS: list[Any] = [
+    nested(X, 250),
+    X ** (10**30),
+    X ** sympy.Rational(10**50, 3),
     X,
     X.dot,
     X.ddot,

@@ -457,8 +457,9 @@ def _root(first: Any, second: Any, third: Any) -> Any:
 
 def _centred(values: Numbers) -> Any:
     """Return the logarithms of the magnitudes of values, minus their mean."""
-    logs = np.log(np.array([abs(float(x)) for x in values]))
-    return logs - logs.mean()
+    with np.errstate(all="ignore"):
+        logs = np.log(np.array([abs(float(x)) for x in values]))
+        return logs - logs.mean()
 
 
 def _cost_of(number: Any) -> float:

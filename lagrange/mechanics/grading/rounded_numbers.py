@@ -35,10 +35,13 @@ def with_exact_numbers(
     enough digits: 0.667 stands for 2/3. A number that is cut off, such as 0.666, remains. For a product of decimals,
     which SymPy multiplies, the relative error is that of the most precise one.
     """
-    typed = sorted(map(Decimal, _DECIMAL.findall(equation.read)), key=_unit)
+    found = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
-    if not typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
+    if not found or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
         return None
+    if any(number and abs(float(number)) < TINY for number in (*found, *decimals)):
+        return None
+    typed = sorted(found, key=_unit)
     try:
         exact = _exact_numbers(row, decimals, samples)
         corrected = replace(equation, **{side: getattr(equation, side).xreplace(exact) for side in ("zero", "right")})
@@ -61,6 +64,10 @@ def with_exact_numbers(
         return replace(equation, note=f"To {counted(digits, 'digit')} {told}: {advice}")
     label = f"{equation.label[0].upper()}{equation.label[1:]}"
     return replace(corrected, note=f"{label} is right to {digits} digits: {told}.")
+
+
+TINY = 1e-300
+"""Decimals below this size are not taken for rounded numbers: their digits are not those of doubles."""
 
 
 def _unit(number: Decimal) -> float:

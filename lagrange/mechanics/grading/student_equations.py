@@ -11,7 +11,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError, formula, listing, suggestion
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.sample import SamplePoint
 from lagrange.mechanics.grading.motion_samples import MotionSample
@@ -20,6 +20,7 @@ from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression, in_full
 from lagrange.statement.parameters import Survey, coordinate_name
 from lagrange.statement.rotation import shorthands
+from lagrange.statement.scene.guard import LARGEST_EXPONENT
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.documents import parts_of_document
 from lagrange.statement.typed.names import canonical
@@ -184,8 +185,14 @@ class _EquationReader:
             return [StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}", place=place)]
         if isinstance(given, bool) or given in (sympy.true, sympy.false):
             raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
-        zero = self.symbols(expression(given, what), what)
-        return [StudentEquation(what, zero, read=f"{spelled(zero)} = 0", place=place)]
+        stated = expression(given, what)
+        try:
+            zero = self.symbols(stated, what)
+            return [StudentEquation(what, zero, read=f"{spelled(zero)} = 0", place=place)]
+        except RecursionError:
+            raise StatementError(
+                f"{what} is nested too deeply to be compared: multiply it out, or state it in parts."
+            ) from None
 
     def unknown(self, name: str, what: str) -> str:
         """Return the error message for an unknown name."""
@@ -198,8 +205,14 @@ class _EquationReader:
         """Return an expression in the plain symbols of the statement.
 
         Parameters are identified by their names. Raises StatementError, with the label `what`, for unknown symbols,
-        functions and multipliers.
+        functions and multipliers, and for powers beyond those of texts: SymPy writes 2**(10**9) out.
         """
+        for power in stated.atoms(sympy.Pow):
+            if power.exp.is_Rational and abs(power.exp) > LARGEST_EXPONENT:
+                raise StatementError(
+                    f"{what} contains the exponent {formula(power.exp, 20)}, which is out of bounds: at most "
+                    f"{LARGEST_EXPONENT} in size."
+                )
         survey = Survey()
         survey.add(stated, what, accelerations=True, multipliers=True)
         table: dict[Any, Any] = {}
