@@ -21,7 +21,7 @@ CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,
 """The program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
 violation, and the violation that would remain. The flag is true for a singular matrix."""
 
-ROUND_OFF = 2.0**-51
+KEPT_VIOLATION = 2.0**-51
 """Largest relative violation at which a state is kept: evaluating the constraints has the same rounding error."""
 
 RESOLVED = 2.0**-26
@@ -37,7 +37,7 @@ MOST_AT_START = 2.0**-20
 A state that is further off would become another motion.
 """
 
-MOST_CORRECTIONS = 8
+PROJECTION_CORRECTIONS = 8
 """Largest number of corrections. Newton's method needs 2 or 3 for the largest violations that a step leaves; more means
 that it does not converge."""
 
@@ -61,19 +61,19 @@ def project(
     """
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
-    for _ in range(MOST_CORRECTIONS):
+    for _ in range(PROJECTION_CORRECTIONS):
         # The state stays if the matrix is singular: the next evaluation meets the same matrix, and reports it.
         if unlikely(corrections(t, state, numbers, move)):
             return Outcome.DONE, has_moved
         violation, left = move[dimension], move[dimension + 1]
-        if violation <= ROUND_OFF:
+        if violation <= KEPT_VIOLATION:
             return Outcome.DONE, has_moved
         if unlikely(not left <= 0.5 * violation):
             return Outcome.DONE if violation <= RESOLVED else Outcome.UNPROJECTED, has_moved
         has_moved = True
         for i in each(dimension):
             state[i], lost[i] = compensated(state[i], move[i] + lost[i])
-        if likely(left <= ROUND_OFF):
+        if likely(left <= KEPT_VIOLATION):
             return Outcome.DONE, has_moved
     return Outcome.UNPROJECTED, has_moved
 

@@ -10,7 +10,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t as time_symbol
 from lagrange.statement.event import Event
 
-CORRECTIONS = 30
+ENERGY_CORRECTIONS = 30
 """Steps of Newton's method after the roots of a quadratic energy. One removes rounding errors; the others are for
 energies that are not quadratic in the velocity, such as that of a relativistic particle."""
 
@@ -18,7 +18,7 @@ PROBES = (1.0, 1e-3, 1e-6)
 """Velocities at which the coefficients of a quadratic energy are computed. The first one is used at which the energy
 has a value."""
 
-CLOSE = 1e-10
+ENERGY_ERROR = 1e-10
 """Largest accepted error of the energy, relative to its size and that of its terms."""
 
 
@@ -84,7 +84,7 @@ def _corrected(
 ) -> FloatArray:
     """Return states (2n, m) with a velocity near `root` of the energy."""
     v = root
-    for _ in range(CORRECTIONS):
+    for _ in range(ENERGY_CORRECTIONS):
         step = 1e-6 * np.abs(v) + 1e-9
         left = _energy(model, parameters, states, row, v) - energy
         with np.errstate(all="ignore"):
@@ -94,8 +94,8 @@ def _corrected(
             v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
     left = np.abs(_energy(model, parameters, states, row, v) - energy)
     size = abs(energy) + np.abs(_energy(model, parameters, states, row, 0.0))
-    if not (left <= CLOSE * size).all():
-        name, place = model.statement.state_names[row], int(np.argmax(~(left <= CLOSE * size)))
+    if not (left <= ENERGY_ERROR * size).all():
+        name, place = model.statement.state_names[row], int(np.argmax(~(left <= ENERGY_ERROR * size)))
         raise StatementError(
             f"no {name} was found with which start {place} has the energy {energy:g}: give {name} in starts, and leave "
             "energy and solve_for out."

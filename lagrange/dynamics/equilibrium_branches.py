@@ -24,7 +24,7 @@ from lagrange.mechanics.stability import eigenvalue_path
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
-SAME = 1e-6
+SAME_EQUILIBRIUM = 1e-6
 """Distance below which two equilibria are the same, relative to the larger of 1 and their size."""
 
 
@@ -141,7 +141,7 @@ def _add(
         both = np.isfinite(other.coordinates).all(axis=1) & np.isfinite(coordinates).all(axis=1)
         apart = np.abs(difference(other.coordinates[both], coordinates[both], turns))
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
-        if both.any() and not alone.any() and (apart <= SAME * (1 + np.abs(coordinates[both]))).all():
+        if both.any() and not alone.any() and (apart <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
             return
     made.append(EquilibriumBranch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
 

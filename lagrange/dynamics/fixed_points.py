@@ -13,11 +13,11 @@ from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 
-SAMPLES = 4001
+AXIS_POINTS = 4001
 """Number of points on the axis at which the acceleration at rest is evaluated. Two zeros between two points may be
 missed."""
 
-ZERO = 1e-9
+EIGENVALUE_NOISE = 1e-9
 """Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
 
 FLAT_SLOPE = 1e-6
@@ -54,12 +54,12 @@ class FixedPoint:
 
 def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) -> tuple[tuple[FixedPoint, ...], str]:
     """Return the equilibria of one coordinate between `low` and `high`, and a note if they are not isolated."""
-    spacing = (high - low) / (SAMPLES - 1)
-    x = np.linspace(low - spacing / 2, high + spacing / 2, SAMPLES + 1)  # an equilibrium may be an end of the range
+    spacing = (high - low) / (AXIS_POINTS - 1)
+    x = np.linspace(low - spacing / 2, high + spacing / 2, AXIS_POINTS + 1)  # an equilibrium may be an end of the range
     a = _at_rest(model, parameters, x)
     finite = np.isfinite(a)
     largest = float(np.abs(a[finite]).max(initial=0.0))
-    if largest == 0.0 or np.count_nonzero(a[finite] == 0.0) > SAMPLES // 2:
+    if largest == 0.0 or np.count_nonzero(a[finite] == 0.0) > AXIS_POINTS // 2:
         return (), "Every place is an equilibrium, or none is: no force acts at rest."
     roots = [*_crossings(model, parameters, x, a), *_touches(model, parameters, x, a, largest)]
     distinct: list[float] = []
@@ -87,11 +87,11 @@ def kind_of(values: FloatArray, *, conservative: bool) -> str:
     if size == 0.0 or not np.abs(values).min():
         return DEGENERATE
     real, imaginary = values.real / size, values.imag / size
-    if np.abs(imaginary).max() <= ZERO:
+    if np.abs(imaginary).max() <= EIGENVALUE_NOISE:
         if real.min() < 0 < real.max():
             return SADDLE
         return "stable node" if real.max() < 0 else "unstable node"
-    if np.abs(real).max() <= ZERO:
+    if np.abs(real).max() <= EIGENVALUE_NOISE:
         return CENTRE if conservative else LINEAR_CENTRE
     return "stable spiral" if real.max() < 0 else "unstable spiral"
 

@@ -25,7 +25,7 @@ from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 
-MARGIN = 0.02
+WINDOW_MARGIN = 0.02
 """Distance outside of the window at which a run ends, as a fraction of its width. The end of the line is then out of
 sight."""
 
@@ -73,8 +73,8 @@ class PlaneWindow:
         axes = [axis for axis in self.plane if not self.wraps(axis)]
         return [
             event(
-                (entries[axis.row] - (axis.low - MARGIN * axis.width))
-                * (entries[axis.row] - (axis.high + MARGIN * axis.width)),
+                (entries[axis.row] - (axis.low - WINDOW_MARGIN * axis.width))
+                * (entries[axis.row] - (axis.high + WINDOW_MARGIN * axis.width)),
                 direction=1,
                 terminal=True,
             )

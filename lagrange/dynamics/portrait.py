@@ -40,10 +40,10 @@ FEW_PERIODS = 2
 SAMPLES_PER_CELL = 64
 """States in each step for marking the cells that an orbit crosses."""
 
-SAME = 1e-9
+SAME_PLACE = 1e-9
 """Distance below which two equilibria are the same, as a part of the window."""
 
-BESIDE = np.array([0.1, 0.0])
+START_DISPLACEMENT = np.array([0.1, 0.0])
 """Displacement in (x, v) from an equilibrium, for the start of the motion that sets the default window."""
 
 MOST_RESTS = 16
@@ -141,7 +141,7 @@ class _Portrait:
         found: list[int] = []
         for k, place in enumerate(places):
             others = np.array([places[i].state for i in found]).reshape(-1, len(place.state))
-            if not (self.window.distance(others, place.state) < SAME).any():
+            if not (self.window.distance(others, place.state) < SAME_PLACE).any():
                 found.append(k)
         return found
 
@@ -401,7 +401,7 @@ def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
     rests = rests[:MOST_RESTS] if len(rests) <= MOST_RESTS else np.zeros(0)
     starts = [base]
     if abs(float(model.accelerations(base[:1], base[1:], 0.0, runs.parameters)[0])) < 1e-9 and not base[1]:
-        starts = [base + BESIDE, base - BESIDE]
+        starts = [base + START_DISPLACEMENT, base - START_DISPLACEMENT]
     # A driven motion settles away from its start, so it is run for longer.
     longest = (30 if depends_on_time(model.statement) else 3) * scale
     passed = [runs(begin, 0.0, longest).y[0] for begin in starts]

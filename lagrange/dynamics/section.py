@@ -28,7 +28,7 @@ from lagrange.statement.number import MOST_NUMBERS, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
-MOST_POINTS = 100_000_000
+MOST_SECTION_POINTS = 100_000_000
 """Largest number of points of an orbit: a driven system takes minutes for them."""
 
 BORDER_CELLS = 200
@@ -133,7 +133,7 @@ def section(
 
 def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, int]:
     """Return the number of points of an orbit that are kept, and of those before them that are skipped."""
-    return whole_number(points, name, least, MOST_POINTS), whole_number(skip, "skip", 0, MOST_POINTS)
+    return whole_number(points, name, least, MOST_SECTION_POINTS), whole_number(skip, "skip", 0, MOST_SECTION_POINTS)
 
 
 def check_room(shape: Sequence[int]) -> None:

@@ -23,11 +23,11 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
-SAME = 1e-6
+SAME_POINT = 1e-6
 """Distance below which two points are the same, as a part of the extent of all points on the axes."""
 
 
-ROUNDING = 1e-12
+DIFFERENCE_NOISE = 1e-12
 """Largest rounding noise of a difference, relative to the size of a coordinate, or of its velocity in a mean period."""
 
 
@@ -189,16 +189,16 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
     # An entry with one value everywhere, such as that on the section, is ignored: its differences are rounding noise.
     n, largest = len(periodic), np.abs(known).max(axis=0)
     largest = np.maximum(largest, np.concatenate([largest[n:] * scale, largest[:n] / scale]))
-    size = np.maximum(size, ROUNDING * largest / SAME)
+    size = np.maximum(size, DIFFERENCE_NOISE * largest / SAME_POINT)
     whole = states.reshape(-1, *states.shape[2:])
     found = np.zeros(len(whole), dtype=int)
     left = np.nonzero(np.isfinite(whole).all(axis=(1, 2)))[0]
     for p in range(1, states.shape[2] // 2 + 1):
         # Most rows are excluded by their first points.
         apart = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
-        for row in left[(apart <= SAME).all(axis=1)].tolist():
+        for row in left[(apart <= SAME_POINT).all(axis=1)].tolist():
             apart = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size
-            found[row] = p if (apart <= SAME).all() else 0
+            found[row] = p if (apart <= SAME_POINT).all() else 0
         left = left[found[left] == 0]
     return found.reshape(states.shape[:2])
 

@@ -20,7 +20,7 @@ from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.statement.statement import Constraint
 
-ROUND_OFF = 1e-12
+TERM_ROUND_OFF = 1e-12
 """Rounding threshold: values below this fraction of their terms count as zero."""
 
 
@@ -91,7 +91,7 @@ def empty_constraint(name: str, value: float, size: float) -> str:
 
     `value` is its value at some state, `size` the size of its terms there.
     """
-    if abs(value) <= ROUND_OFF * size:
+    if abs(value) <= TERM_ROUND_OFF * size:
         return (
             f"the constraint {name!r} is always true: it is zero at every state tried, and constrains nothing. Leave "
             "it out."

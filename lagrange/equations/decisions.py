@@ -31,8 +31,8 @@ SECOND = 2
 MOST_TURNING = 4
 """Largest number of coordinates of a Lagrangian whose mass matrix is solved to search for centrifugal terms."""
 
-DIGITS = 30
-ZERO = sympy.Float("1e-15", DIGITS)
+LAW_DIGITS = 30
+ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
 """Rounding threshold: smaller differences, relative to the numbers compared, count as zero. The numbers have 30
 digits."""
 
@@ -83,20 +83,20 @@ def seen_mixed(statement: Statement) -> bool:
     undefined functions.
     """
     draw = random.Random(1)
-    fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), DIGITS) for leaf in (*statement.parameters, t)}
-    places = {q: sympy.Float(draw.uniform(0.3, 1.5), DIGITS) for q in statement.coordinates}
-    moving = {v: sympy.Float(draw.uniform(0.1, 0.5), DIGITS) for v in statement.velocities}
+    fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), LAW_DIGITS) for leaf in (*statement.parameters, t)}
+    places = {q: sympy.Float(draw.uniform(0.3, 1.5), LAW_DIGITS) for q in statement.coordinates}
+    moving = {v: sympy.Float(draw.uniform(0.1, 0.5), LAW_DIGITS) for v in statement.velocities}
     ends = [
         statement.kinetic.xreplace({**places, **{v: k * x for v, x in moving.items()}})
         for k in (1, -1, SECOND, -SECOND)
     ]
     if any(end.has(AppliedUndef) for end in ends):
         return False
-    values = [end.xreplace(fixed).evalf(DIGITS) for end in ends]
+    values = [end.xreplace(fixed).evalf(LAW_DIGITS) for end in ends]
     once, twice = values[0] + values[1], values[2] + values[3]
     if not (once.is_Number and twice.is_Number and once.is_finite and twice.is_finite):
         return False
-    return bool(abs(twice - 4 * once) > ZERO * max(abs(once), abs(twice)))
+    return bool(abs(twice - 4 * once) > ZERO_DIFFERENCE * max(abs(once), abs(twice)))
 
 
 def seen_turning(stated: StatedAlgebra) -> bool:
@@ -140,13 +140,13 @@ STEP = "1e-15"
 """Step of the central difference in time: its error is some 1e-30 of the function."""
 ZERO_SHARE = CONTEXT.mpf("1e-20")
 """A value differs from zero if it exceeds this fraction of the largest number from which it is computed."""
-SAMPLES = 3
+LAW_SAMPLES = 3
 """Number of states at which laws are evaluated."""
-DRAWS = 24
+LAW_DRAWS = 24
 """Largest number of states that are drawn for the samples: at some an expression has no value."""
 MOST_HELD = 16
 """Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
-CORRECTIONS = 40
+LAW_CORRECTIONS = 40
 """Most Newton steps onto the constraints; each doubles the digits near them."""
 
 Verdict = bool | None
@@ -304,10 +304,10 @@ class Decisions:
 
     @cached_property
     def _points(self) -> list[Values]:
-        """Up to `SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
+        """Up to `LAW_SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
         points: list[Values] = []
         for point in self._drawn():
-            if len(points) == SAMPLES:
+            if len(points) == LAW_SAMPLES:
                 break
             if values([self.laws.lagrangian], point, CONTEXT) is not None:
                 points.append(point)
@@ -317,7 +317,7 @@ class Decisions:
         """Yield random points: in turn of order one, and near the initial state with the default parameters."""
         statement, laws, draw = self.statement, self.laws, random.Random(1)
         state = (*laws.q, *laws.v)
-        for k in range(DRAWS):
+        for k in range(LAW_DRAWS):
             size = 2.0 ** -(k // 4)
             near = bool(k % 2)
             point = {x: size * draw.uniform(-1.5, 1.5) for x in state}
@@ -401,7 +401,7 @@ class Decisions:
     def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
         """Return the point with some of its symbols corrected by Newton's method until the constraints hold."""
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
-        for _ in range(CORRECTIONS if zeros else 0):
+        for _ in range(LAW_CORRECTIONS if zeros else 0):
             evaluated = values([*zeros, *gradient], point, CONTEXT)
             if evaluated is None:
                 return None

@@ -25,7 +25,7 @@ from lagrange.graph.rebuild import substitute
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.statement import REFUSE, Statement
 
-MOST_OPERATIONS = 20_000_000
+MOST_WRITTEN_OPERATIONS = 20_000_000
 """Largest number of operations of the multipliers, counted without sharing. SymPy shares parts of expressions but
 compares them one by one, in a time that grows with this number. A chain of ten links on a rough rail compiles in 10 s;
 each further link doubles that."""
@@ -52,10 +52,10 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     _check_linear(statement, symbols)
     equations = euler_lagrange(replace(statement, parameters=(*statement.parameters, *symbols)))
     nodes = _multipliers(equations, statement.name, names)
-    if (size := _written_out(nodes)) > MOST_OPERATIONS:
+    if (size := _written_out(nodes)) > MOST_WRITTEN_OPERATIONS:
         raise StatementError(
             f"the multipliers in the forces of {statement.name} have {size:.2g} operations when written out, more than "
-            f"{MOST_OPERATIONS:.0e}: state fewer coordinates, or a force in coordinates and velocities."
+            f"{MOST_WRITTEN_OPERATIONS:.0e}: state fewer coordinates, or a force in coordinates and velocities."
         )
     values = dict(zip(symbols, map(equations.express, nodes), strict=True))
     return replace(statement, forces=tuple(force.xreplace(values) for force in statement.forces))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagrange.equations.constraints import empty_constraint
+from lagrange.equations.constraints import TERM_ROUND_OFF, empty_constraint
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, no_inertia
 from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.singular import (
@@ -32,11 +32,8 @@ from lagrange.graph.term_size import term_sizes
 from lagrange.statement.given.function import with_values
 from lagrange.statement.statement import REFUSE, Statement
 
-POINTS = 8
+RANDOM_STATES = 8
 """Number of random states at which the rank is tested, beside the initial state. One regular state is enough."""
-
-ROUND_OFF = 1e-12
-"""Rounding threshold: values below this fraction of their terms count as zero."""
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
 """Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
@@ -177,7 +174,7 @@ class Tried:
 
     def random_states(self) -> FloatArray:
         """Return random states, (2n, POINTS)."""
-        return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, POINTS))
+        return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, RANDOM_STATES))
 
     def starts(self) -> FloatArray:
         """Return the initial state of the statement and the random states, (2n, 1 + POINTS)."""
@@ -203,13 +200,13 @@ class Tried:
         statement, state = self.statement, self.random_states()
         random = np.random.default_rng(8)
         some = self.some_parameters(None)
-        blocks = [doubles(nodes, self.point(random.uniform(0.2, 1.2, POINTS), state, some), POINTS)]
+        blocks = [doubles(nodes, self.point(random.uniform(0.2, 1.2, RANDOM_STATES), state, some), RANDOM_STATES)]
         if statement is not None:
             stated = self.some_parameters(statement)
             initial = np.array(statement.initial)[:, None]
             around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
             states = np.concatenate([initial, around], axis=1)
-            blocks.append(doubles(nodes, self.point(0.0, states, stated), 1 + POINTS))
+            blocks.append(doubles(nodes, self.point(0.0, states, stated), 1 + RANDOM_STATES))
         return np.concatenate(blocks, axis=1)
 
     def mass_matrices(self) -> FloatArray:
@@ -232,7 +229,7 @@ def _check_empty(
     """
     for name, rows, size, value, term in zip(names, gradient, sizes, values, terms, strict=True):
         finite = np.isfinite(value) & np.isfinite(rows).all(axis=0)
-        if finite.any() and (np.abs(rows) <= ROUND_OFF * size)[:, finite].all():
+        if finite.any() and (np.abs(rows) <= TERM_ROUND_OFF * size)[:, finite].all():
             worst = int(np.argmax(np.where(finite, np.abs(value), -1.0)))
             raise StatementError(empty_constraint(name, float(value[worst]), float(term[worst])))
 

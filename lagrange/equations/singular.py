@@ -39,7 +39,7 @@ States satisfy the constraints only to 1e-12, so rows that are dependent on the 
 NAMED_SHARE = 1e-6
 """Entries of a null vector below this fraction of the largest are rounding noise."""
 
-MOST_NAMED = 8
+NAMED_VELOCITIES = 8
 """Largest number of velocities that a message names."""
 
 
@@ -190,8 +190,8 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 
 
 def few(parts: list[str]) -> str:
-    """Return parts of a sentence as a list in one line: at most `MOST_NAMED`, then "and so on"."""
-    return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])
+    """Return parts of a sentence as a list in one line: at most `NAMED_VELOCITIES`, then "and so on"."""
+    return ", ".join(parts if len(parts) <= NAMED_VELOCITIES else [*parts[: NAMED_VELOCITIES - 1], "and so on"])
 
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:

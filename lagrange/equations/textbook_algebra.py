@@ -397,7 +397,7 @@ def _unreadable(number: Any) -> bool:
 ROUNDS = 6
 """Largest number of rounds of multiplying out roots and quotients; each removes one level of nesting."""
 
-LARGEST = 40_000
+MOST_PROOF_MONOMIALS = 40_000
 """Largest number of monomials of one proof: half a second."""
 
 _SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}
@@ -407,7 +407,7 @@ _SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}
 def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
     """Return True if the sum is proven to be zero; False if no proof was found."""
     try:
-        with algebra.at_most(LARGEST):
+        with algebra.at_most(MOST_PROOF_MONOMIALS):
             return not canonical(algebra, terms)
     except TooLargeError:
         return False

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.constraint_laws import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.reference import DIGITS, Reference
+from lagrange.evidence.reference import REFERENCE_DIGITS, Reference
 from lagrange.evidence.report import (
     LIMIT,
     Comparison,
@@ -40,13 +40,13 @@ __all__ = ["check", "quick_check", "textbook_tape"]
 FAR_POINTS = 300
 """Number of random points tried to reach branches of the energies that no other point reaches."""
 
-MOST_POINTS = 10_000
+MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
 
 MOST_FAR_POINTS = 6
 """Largest number of points added to cover such branches."""
 
-MOST_COLUMNS = 24
+MOST_JACOBIAN_COLUMNS = 24
 """Largest number of Jacobian columns checked at one point: five points cover all columns of 60 coordinates."""
 
 COSTLY_REFUSALS = 25
@@ -86,7 +86,7 @@ def check(
     each coordinate, and with the cube of the number of coordinates if all are coupled. Raises StatementError for fewer
     than one point, and for a textbook that lacks a coordinate.
     """
-    points = whole_number(points, "points", 1, MOST_POINTS)
+    points = whole_number(points, "points", 1, MOST_CHECKED_POINTS)
     seed = whole_number(seed, "seed", 0)
     session = _Session(model, textbook, other, points, seed)
     for k in range(points):
@@ -201,7 +201,7 @@ class _Session:
     def _columns(self) -> list[int]:
         """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
         width = len(self.statement.state_names)
-        share = min(width, MOST_COLUMNS, max(8, math.ceil(width / self.point_count)))
+        share = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.point_count)))
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
@@ -271,7 +271,9 @@ def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:
     ]
     if missing:
         raise StatementError(f"the textbook has no acceleration of {listing(missing)}: give one for every coordinate.")
-    return Precise([table.get(q, table.get(acceleration_of(q))) for q in statement.coordinates], statement, DIGITS)
+    return Precise(
+        [table.get(q, table.get(acceleration_of(q))) for q in statement.coordinates], statement, REFERENCE_DIGITS
+    )
 
 
 MOST_DERIVED = 100

@@ -116,17 +116,17 @@ def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
     return upper + lower
 
 
-DIGITS = 60
+CONSTRAINT_DIGITS = 60
 """Decimal digits of the evaluations: first differences with steps of 1e-20 keep two thirds of them."""
 
-MOST_CORRECTIONS = 30
+PRECISE_CORRECTIONS = 30
 """Largest number of Newton corrections of a state towards the constraints."""
 
 
 class ConstraintSurface:
     """The states (q, v) that satisfy the constraints on positions and on velocities."""
 
-    def __init__(self, statement: Statement, digits: int = DIGITS) -> None:
+    def __init__(self, statement: Statement, digits: int = CONSTRAINT_DIGITS) -> None:
         self.tape = Precise([constraint.expression for constraint in statement.constraints], statement, digits)
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.tape.context.mpf
@@ -168,7 +168,7 @@ class ConstraintSurface:
 
         `at(x)` returns the residual and the rows of G.
         """
-        for _ in range(MOST_CORRECTIONS):
+        for _ in range(PRECISE_CORRECTIONS):
             residual, rows = at(x)
             square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]
             z = laws.solve_dense(square, residual, self.step)

@@ -35,7 +35,7 @@ class NoValue(ArithmeticError):
     """Raised if an operation has no real, finite value."""
 
 
-VANISHING = 1e-16
+VANISHING_PIVOT = 1e-16
 """Pivots below this fraction of the largest entry need row exchanges; of 40 digits at least 24 are then left."""
 
 _context = cache(precise)
@@ -96,7 +96,7 @@ class _Evaluation:
         `lower` has the lower triangle of the symmetric n x n matrix by rows.
         """
         rows = [list(lower[i * (i + 1) // 2 : i * (i + 1) // 2 + i + 1]) for i in range(n)]
-        least = VANISHING * max(map(abs, lower))
+        least = VANISHING_PIVOT * max(map(abs, lower))
         for i, row in enumerate(rows):
             scaled: Numbers = []
             for j in range(i):
@@ -226,7 +226,7 @@ Improvement = Callable[[FloatArray], FloatArray]
 LEAST_POINTS = 8
 """Smallest number of points per interval. With more digits it equals the number of digits, which is about optimal."""
 
-SHORTEST = 1e-9
+SHORTEST_INTERVAL = 1e-9
 """Shortest interval, relative to the length of the run."""
 
 LARGEST_GROWTH = 2.0
@@ -362,7 +362,7 @@ class _PreciseRun:
         """Raise RunError after the time limit, or for an interval that is too short."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
-        if abs(length) < SHORTEST * whole:
+        if abs(length) < SHORTEST_INTERVAL * whole:
             raise RunError(
                 f"no precise run of {self.model.statement.name} passes t = {t:.6g}: the energies or forces, or "
                 "their derivatives, jump there, or the accelerations have no value."

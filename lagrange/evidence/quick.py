@@ -29,12 +29,12 @@ from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_le
 from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.report import LIMIT, TINY, relative_error
+from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
 from lagrange.evidence.sample import SamplePoint, Sampler, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
-DIGITS = 50
+DIGITS_OF_TEST = 50
 DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
@@ -136,15 +136,17 @@ class _Probe:
     """The projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
 
     def __init__(self, statement: Statement) -> None:
-        self.plain = Precise([statement.lagrangian], statement, DIGITS)
+        self.plain = Precise([statement.lagrangian], statement, DIGITS_OF_TEST)
         self.number = self.plain.context.mpf
         loaded = any(force != 0 for force in statement.forces)
-        self.forces = Precise(statement.forces, statement, DIGITS) if loaded else None
-        self.dissipation = Precise([statement.dissipation], statement, DIGITS) if statement.dissipation != 0 else None
+        self.forces = Precise(statement.forces, statement, DIGITS_OF_TEST) if loaded else None
+        self.dissipation = (
+            Precise([statement.dissipation], statement, DIGITS_OF_TEST) if statement.dissipation != 0 else None
+        )
         self.draw = random.Random(0)
         self.direction = [self._factor(0.5) for _ in statement.coordinates]
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
-        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS)
+        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS_OF_TEST)
         self.weights = [self.number(self._factor(0.5)) for _ in statement.constraints]
 
     def has_value(self, point: SamplePoint) -> bool:
@@ -180,7 +182,7 @@ class _Probe:
             return True
         unit = self.number(PERTURBATION)
         return any(
-            abs(residual) > SUSPICIOUS * abs(other - residual) / unit + TINY
+            abs(residual) > SUSPICIOUS * abs(other - residual) / unit + TINY_ERROR
             for (residual, _), (other, _) in zip(residuals, moved, strict=True)
         )
 

@@ -30,7 +30,7 @@ from lagrange.evidence.report import ReferenceEntries
 from lagrange.evidence.sample import SamplePoint
 from lagrange.statement.statement import Statement
 
-DIGITS = 90
+REFERENCE_DIGITS = 90
 """Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
 
 DIFFERENCE_STEP = "1e-18"
@@ -48,7 +48,7 @@ MASS_NOISE = "1e-80"
 Rounding and `VALUE_NOISE` make 1e-88. An inertia of 1e-40 of the largest makes 1e-76, with steps of `DIFFERENCE_STEP`.
 """
 
-SAMPLES = 2
+PERTURBED_COPIES = 2
 """Number of perturbed copies. One sum with random signs may be small by accident; two are hardly ever."""
 
 SINGULAR = 2.0**-42
@@ -57,7 +57,7 @@ SINGULAR = 2.0**-42
 In double precision four digits of the accelerations are left there. The limit of compiled code may be slightly lower.
 """
 
-LEAST_SIZE = 1e-20
+LEAST_STEP_SIZE = 1e-20
 """Smallest size of a coordinate or velocity, relative to the largest, by which its step is chosen.
 
 A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. Lengths
@@ -79,19 +79,21 @@ class Reference:
 
     def __init__(self, statement: Statement, first_order: Sequence[int] = ()) -> None:
         self.statement, self.first_order = statement, tuple(first_order)
-        self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
-        self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
-        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS)
+        self.lagrangian = Precise([statement.lagrangian], statement, REFERENCE_DIGITS)
+        self.loads = Precise([*statement.forces, statement.dissipation], statement, REFERENCE_DIGITS)
+        self.held = Precise(
+            [constraint.expression for constraint in statement.constraints], statement, REFERENCE_DIGITS
+        )
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.lagrangian.context.mpf
         n = len(statement.coordinates)
-        self.local = local_terms(statement, DIGITS)
+        self.local = local_terms(statement, REFERENCE_DIGITS)
         same = [self.lagrangian] * n
         by_velocity, by_place = (self.local.by_velocity, self.local.by_place) if self.local else (same, same)
         # L is stored for p, for dL/dq and for M.
         self._energies = (by_velocity, by_place, by_velocity)
         self._loaded = any(force != 0 for force in statement.forces)
-        self._samples = [_Perturbed.of(self, 6 * k) for k in range(SAMPLES)]
+        self._samples = [_Perturbed.of(self, 6 * k) for k in range(PERTURBED_COPIES)]
 
     def at(self, point: SamplePoint, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
@@ -105,7 +107,7 @@ class Reference:
         steps = self._steps(point)
         plain, held = self._plain(point)
         results = [self._laws(plain, held, point, steps.times(scale), columns) for scale in (1, 0.5)]
-        results += [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
+        results += [self._perturbed(k, point, steps, columns) for k in range(PERTURBED_COPIES)]
         unit = self.number(PERTURBATION)
 
         def size(value: Any, coarse: Any, samples: Sequence[Any]) -> Any:
@@ -257,7 +259,7 @@ class Reference:
         step = self.number(DIFFERENCE_STEP)
         least = [(part, self.number(max(map(abs, part)))) for part in (point.q, point.v)]
         sizes_q, sizes_v = (
-            [max(abs(x), largest * (LEAST_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
+            [max(abs(x), largest * (LEAST_STEP_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
             for part, largest in least
         )
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
@@ -409,7 +411,7 @@ class _Perturbed:
         """Return copies of the programs of `whole`, each perturbed by different factors."""
 
         def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
-            numbered = ((tape, seed + 6 * SAMPLES * i) for i, tape in enumerate(tapes))
+            numbered = ((tape, seed + 6 * PERTURBED_COPIES * i) for i, tape in enumerate(tapes))
             return _each(numbered, lambda tape, own: tape.perturbed(PERTURBATION, own))
 
         return cls(

@@ -188,7 +188,7 @@ The largest error of correct code was 1e-14, in a batch of 30-link chains. Over 
 seeds each, it was 4e-15.
 """
 
-TINY = 1e-290
+TINY_ERROR = 1e-290
 """Absolute error that is always accepted: smaller doubles lose digits, as subnormal numbers do."""
 
 LANES = 11
@@ -276,7 +276,7 @@ def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
 
     Ten times the uncertainty is added to the allowed error, so that one comparison with LIMIT decides.
     """
-    return off / (size + (10 * uncertainty + TINY) / LIMIT)
+    return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
 
 def is_finite(value: Any) -> bool:

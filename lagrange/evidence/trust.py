@@ -20,7 +20,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.run import span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
-DIGITS = 22
+DEFAULT_DIGITS = 22
 """Decimal digits of the reference: its errors are 1e-6 of those of doubles, since both grow by the same factor."""
 
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
@@ -29,7 +29,7 @@ APART = 4
 """Number of digits that the second run has fewer than the reference. Their difference is the error bound: fewer digits
 change the intervals, the points in them and the steps of the differences."""
 
-LONGEST = 180.0
+REFERENCE_SECONDS = 180.0
 """Time limit of each run in multiple precision, in seconds."""
 
 TIGHTEST = 1e-13
@@ -82,7 +82,7 @@ def reference_solution(
 def _independent(
     problem: Problem, times: Sequence[float], digits: int | None, unit: FloatArray, growth: float
 ) -> ReferenceSolution:
-    chosen = DIGITS if digits is None else digits
+    chosen = DEFAULT_DIGITS if digits is None else digits
     if not growth < 10.0 ** (chosen - APART):
         raise RunError(
             f"a relative error grows by {growth:.0e} until t = {problem.t1:g}, so that {chosen} digits say nothing "
@@ -91,7 +91,9 @@ def _independent(
     model, start = problem.model, problem.y0.tolist()
 
     def run(precision: int) -> tuple[tuple[Any, ...], ...]:
-        computed = precise_run(model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
+        computed = precise_run(
+            model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=REFERENCE_SECONDS
+        )
         # Numbers of another context do not pickle; conversion keeps every digit.
         return tuple(tuple(map(mpmath.mp.convert, state)) for state in computed)
 
@@ -147,13 +149,13 @@ def digits_of(given: Any) -> int:
 PARTS = 4
 """Number of steps of the variational equation per step of the run."""
 
-MOST_STEPS = 50_000
+SENSITIVITY_STEPS = 50_000
 """Largest number of steps of the run: each takes about 60 us, and `PARTS` matrix products."""
 
-BLOCK = 2**22
+ENTRIES_AT_ONCE = 2**22
 """Largest number of matrix entries in memory at once: 32 MB."""
 
-ROUNDING = 2.0**-53
+UNIT_ROUNDING = 2.0**-53
 
 
 @dataclass(frozen=True)
@@ -174,21 +176,22 @@ def sensitivity(
     """Return the growth of errors along a run, by the variational equation dW/dt = J(t, y) W with RK4.
 
     Relative errors are relative to `size` (2n,), the magnitude of each entry of the state; the floor is in units of
-    `unit` (2n,). Both are infinite if the numbers overflow. Raises RunError for a run of more than `MOST_STEPS` steps.
+    `unit` (2n,). Both are infinite if the numbers overflow. Raises RunError for a run of more than `SENSITIVITY_STEPS`
+    steps.
     """
     marks = run.t
-    if len(marks) > MOST_STEPS:
+    if len(marks) > SENSITIVITY_STEPS:
         raise RunError(
             f"the run until t = {marks[-1]:g} has {len(marks) - 1} steps, and errors are followed over at most "
-            f"{MOST_STEPS}: end the race earlier."
+            f"{SENSITIVITY_STEPS}: end the race earlier."
         )
     starts, lengths = marks[:-1], np.diff(marks)
     parts = np.arange(PARTS) / PARTS
     begin = (starts[:, None] + lengths[:, None] * parts).ravel()
     h = np.repeat(lengths / PARTS, PARTS)
     with np.errstate(all="ignore"):
-        growth, floor, rest = 1.0, ROUNDING * float((np.abs(run.y[:, -1]) / unit).max()), np.eye(len(size))
-        length = max(1, BLOCK // len(size) ** 2)
+        growth, floor, rest = 1.0, UNIT_ROUNDING * float((np.abs(run.y[:, -1]) / unit).max()), np.eye(len(size))
+        length = max(1, ENTRIES_AT_ONCE // len(size) ** 2)
         for first in reversed(range(0, len(h), length)):
             block = slice(first, first + length)
             matrices = _transitions(model, run, parameters, begin[block], h[block])
@@ -196,7 +199,7 @@ def sensitivity(
             for matrix, state in zip(matrices[::-1], states[::-1], strict=True):
                 rest = rest @ matrix
                 growth = max(growth, float(((np.abs(rest) @ size) / size).max()))
-                floor = max(floor, ROUNDING * float(((np.abs(rest) @ state) / unit).max()))
+                floor = max(floor, UNIT_ROUNDING * float(((np.abs(rest) @ state) / unit).max()))
     finite = np.isfinite(rest).all()
     return Sensitivity(growth if finite else np.inf, floor if finite else np.inf)
 

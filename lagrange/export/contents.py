@@ -14,7 +14,7 @@ from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.integrate import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.descriptions import WIDTH, statement_lines
+from lagrange.export.descriptions import COMMENT_WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.lines import wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
@@ -282,7 +282,7 @@ PREPARE = "Write the parameters into p, then the values that depend on parameter
 def _text(model: Model, events: Sequence[Event]) -> tuple[str, ...]:
     """Return lines of text for an exported file: the system, and the meaning of the names of intermediate values."""
     about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
-    return (*statement_lines(model.statement, events), *wrapped(about, WIDTH))
+    return (*statement_lines(model.statement, events), *wrapped(about, COMMENT_WIDTH))
 
 
 def _program(name: str, model: Model, events: Sequence[Event]) -> Program:

@@ -159,7 +159,7 @@ def records_of(procedures: Sequence[Procedure]) -> list[Record]:
     return list(found)
 
 
-WIDTH = 104
+COMMENT_WIDTH = 104
 
 INPUTS = (
     "the last parameters. What is prepared from parameters does not depend on them: their places may be written before "
@@ -167,7 +167,7 @@ INPUTS = (
 )
 """Comment on inputs for an exported file: they are the last parameters."""
 
-LONG = 300
+LONG_TERM = 300
 """Terms with more operations than this are printed in SymPy's order: textbook order takes seconds for thousands of
 operations."""
 
@@ -189,10 +189,10 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
     inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement
     write = _writer(statement)
-    yield from wrapped(f"{statement.name}: equations of motion, made by {generator()}", WIDTH)
+    yield from wrapped(f"{statement.name}: equations of motion, made by {generator()}", COMMENT_WIDTH)
     yield f"SPDX-License-Identifier: {LICENSE}"
     if statement.about:
-        yield from wrapped(statement.about, WIDTH)
+        yield from wrapped(statement.about, COMMENT_WIDTH)
     yield ""
     if statement.kinetic is None or statement.potential is None:
         yield from _formula("L", write(statement.lagrangian))
@@ -207,14 +207,16 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
     for one in statement.constraints:
         yield from _formula(f"constraint {one.name}", f"{write(one.expression)} = 0")
     for known in statement.known_motions:
-        yield from wrapped(known if isinstance(known, str) else f"{name_of(known[0])} = {write(known[1])}", WIDTH)
+        yield from wrapped(
+            known if isinstance(known, str) else f"{name_of(known[0])} = {write(known[1])}", COMMENT_WIDTH
+        )
     for k, event in enumerate(events):
         yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
     yield ""
     yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
     yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
     if inputs:
-        yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", WIDTH)
+        yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", COMMENT_WIDTH)
 
 
 def _told(event: Event, write: Callable[[Any], str]) -> str:
@@ -238,7 +240,7 @@ def _writer(statement: Statement) -> Callable[[Any], str]:
     printer._print_Derivative = named(printer.emptyPrinter)
 
     def write(expression: Any) -> str:
-        if count_ops(expression) <= LONG:
+        if count_ops(expression) <= LONG_TERM:
             return booklike().write(expression)
         return str(printer.doprint(expression))
 
@@ -246,11 +248,11 @@ def _writer(statement: Statement) -> Callable[[Any], str]:
 
 
 def _formula(name: str, text: str) -> list[str]:
-    return wrapped(f"{name} = {text}", WIDTH)
+    return wrapped(f"{name} = {text}", COMMENT_WIDTH)
 
 
 def _listed(what: str, parts: Sequence[str]) -> list[str]:
-    return wrapped(f"{what}: {', '.join(parts) or 'none'}", WIDTH)
+    return wrapped(f"{what}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
 
 
 def _with_unit(statement: Statement, name: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterable, Sequence
 
 from lagrange.statement.vocabulary.letters import GREEK
 
-LONGEST = 63
+LONGEST_NAME = 63
 """Longest name: the number of characters that C and Fortran distinguish."""
 
 
@@ -16,7 +16,7 @@ def ascii_name(name: str) -> str:
     """Return a name of ASCII letters, digits and underscores that begins with a letter: "θ1" becomes "theta1"."""
     spelled = "".join(map(spelled_letter, name))
     plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
-    return (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST]
+    return (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST_NAME]
 
 
 def spelled_letter(letter: str) -> str:
@@ -46,7 +46,7 @@ def distinct(
         legal, count = plain, 2
         while key(legal) in taken:
             tail = f"_{count}"
-            legal, count = plain[: LONGEST - len(tail)] + tail, count + 1
+            legal, count = plain[: LONGEST_NAME - len(tail)] + tail, count + 1
         taken.add(key(legal))
         legal_names.append(legal)
     return tuple(legal_names)

@@ -8,11 +8,15 @@ from collections.abc import Iterable
 
 from lagrange.export.identifiers import spelled_letter
 
-LONGEST = 120
+TEXT_WIDTH = 110
+"""Largest length of a line of comment, or of the head of a function, in exported files."""
+
+
+DEFAULT_LINE_LENGTH = 120
 """Default limit of characters per line, for languages without a limit."""
 
 
-def continued(line: str, room: int = LONGEST, mark: str = "") -> list[str]:
+def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> list[str]:
     """Return a statement as lines of at most `room` characters, broken at spaces; all but the last end with `mark`."""
     indent, lines = " " * (len(line) - len(line.lstrip()) + 4), []
     while len(line) > room:

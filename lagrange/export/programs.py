@@ -13,7 +13,7 @@ from lagrange.export.lines import commented, number_lines
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.procedure.spelling import Literals
 
-MOST_STEPS = 10_000_000
+MOST_STEPS_PER_ROW = 10_000_000
 """Largest number of steps between two rows of the table of `main`."""
 
 TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
@@ -128,7 +128,7 @@ def main_text(module: SourceModule, script: Script, **given: object) -> str:
         "intervals": literals.whole(run.intervals),
         "method": integrator.name,
         "rtol": literals.real(run.rtol),
-        "steps": literals.whole(MOST_STEPS),
+        "steps": literals.whole(MOST_STEPS_PER_ROW),
         "outcomes": "".join(f"    {text},\n" for text in outcome_texts()).rstrip(),
         "columns": columns(module),
         **given,

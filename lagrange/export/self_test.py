@@ -26,13 +26,13 @@ TOLERANCE = 1e-12
 WELL_CONDITIONED = 2e-14
 """Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
-DRAWS = 60
+STATE_DRAWS = 60
 """Number of random states from which well-conditioned ones are chosen."""
 
 ULP = 2.0**-52
 """Relative change of a state that estimates the condition number of its results."""
 
-NEAR = SampleKind("near the initial state", "initial", "default")
+NEAR_INITIAL_STATE = SampleKind("near the initial state", "initial", "default")
 """Sampling of the test states: near the initial state, with the default parameters."""
 
 
@@ -124,8 +124,8 @@ def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
     sampler = Sampler(statement, seed=1)
     first = sampler.initial()
     yield first.t, (*first.q, *first.v)
-    for attempt in range(DRAWS):
-        point = sampler.point(NEAR, attempt % 8)
+    for attempt in range(STATE_DRAWS):
+        point = sampler.point(NEAR_INITIAL_STATE, attempt % 8)
         yield point.t, (*point.q, *point.v)
 
 

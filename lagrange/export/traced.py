@@ -16,7 +16,7 @@ from typing import ClassVar
 from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.identifiers import distinct
-from lagrange.export.lines import commented
+from lagrange.export.lines import TEXT_WIDTH, commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
@@ -32,9 +32,6 @@ OPERATORS: Mapping[str, Operator] = {
 """Operations that Python's operators express, in every library."""
 
 LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
-
-WIDTH = 110
-"""Largest length of a line, except for single operations on long operands."""
 
 ELIMINATION = f'''
 PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
@@ -241,9 +238,9 @@ def function_body(program: Program, language: Language, names: Mapping[int, str]
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
     """Return a list or a call as lines; a long one is broken between its items, and inside of them."""
     line = f"{before}{', '.join(items)}{after}"
-    if len(line) <= WIDTH:
+    if len(line) <= TEXT_WIDTH:
         return [line]
-    inside = textwrap.wrap(", ".join(items), WIDTH - 4, break_long_words=False, break_on_hyphens=False)
+    inside = textwrap.wrap(", ".join(items), TEXT_WIDTH - 4, break_long_words=False, break_on_hyphens=False)
     return [before, *(f"    {one}" for one in inside), after]
 
 

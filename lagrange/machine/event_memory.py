@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.constants import MOST_SURFACES
 from lagrange.algorithm.taylor.watching import (
@@ -26,11 +27,10 @@ from lagrange.algorithm.taylor.watching import (
     scratch_sizes,
 )
 from lagrange.machine.backend import FloatArray, Kernel
-from lagrange.machine.state import MOST_LANES
 from lagrange.machine.step_events import Reaction
 from lagrange.program.series import SeriesProgram
 
-ROOM = 4096
+TAYLOR_EVENT_ROOM = 4096
 """Least number of events that are written before the loop returns; those of one step always have room."""
 
 
@@ -80,20 +80,20 @@ class EventMemory:
         self.count, self._dimension = surfaces + len(reactions), dimension
         self.values, self.resets, self.parameters = values, resets, np.empty(0) if parameters is None else parameters
         changing = surfaces > 0 or any(one.terminal or one.entries for one in reactions)
-        room = max(ROOM, MOST_ZEROS * self.count)
+        room = max(TAYLOR_EVENT_ROOM, MOST_ZEROS * self.count)
         self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=room, changed=-np.inf)
         self.tilts = _tilts(dimension)
         self.sides = np.zeros(2 * SIDES * self.count, dtype=np.int64)
         self.settings = _settings((*[Reaction()] * surfaces, *reactions))
         self.times = np.empty(room)
-        self.states = np.empty(room * dimension + MOST_LANES)
+        self.states = np.empty(room * dimension + WIDEST_VECTOR)
         self.places = np.empty(room, dtype=np.int64)
         self.surfaces = surfaces
         few = surfaces <= MOST_SURFACES
         self.combinations = np.full(2**surfaces if few else 1, -1, dtype=np.int64)
         self.switch_rows, self.switch_combinations = (np.empty(room, dtype=np.int64) for _ in range(2))
         reals, wholes = scratch_sizes(self.count, dimension)
-        self.scratch, self.whole_scratch = np.empty(reals + MOST_LANES), np.empty(wholes, dtype=np.int64)
+        self.scratch, self.whole_scratch = np.empty(reals + WIDEST_VECTOR), np.empty(wholes, dtype=np.int64)
         self.keep_start()
 
     def keep_start(self) -> None:

@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.algorithm.taylor.memory import OUTPUTS, TAYLOR
 
-__all__ = ["MOST_LANES", "OUTCOMES", "DriverState", "Outcome", "Outputs"]
-
-MOST_LANES = 8
-"""Largest number of entries of the state that a machine computes at once."""
+__all__ = ["OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
@@ -26,12 +23,12 @@ OUTCOMES = tuple(Outcome)
 class Outputs:
     """The states at output times (k,), sorted in the direction of the run. Taylor drivers write them during the run.
 
-    `times` has NaN after its last entry. `states` (k, 2n) has `MOST_LANES` spare rows, since machines write blocks.
+    `times` has NaN after its last entry. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines write blocks.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
         self.times = np.append(times, math.nan)
-        self.states = np.zeros((len(self.times) + MOST_LANES, dimension))
+        self.states = np.zeros((len(self.times) + WIDEST_VECTOR, dimension))
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
@@ -97,7 +94,7 @@ class DriverState:
 
         `atol` is the initial floor of every entry.
         """
-        self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), MOST_LANES))
+        self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST_VECTOR))
         self.reals[self.FLOORS :] = 1.0
         self.floors = self.reals[self.FLOORS : self.FLOORS + len(y)]
         self.floors[:] = atol

@@ -9,14 +9,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.events.event_steps import EVENT_RUN, MOST_STEPS, SETTINGS
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.events.event_steps import EVENT_RUN, MOST_WAITING, SETTINGS
 from lagrange.algorithm.events.step_zeros import MOST_ZEROS, REVIEW
-from lagrange.machine.state import MOST_LANES, DriverState
+from lagrange.machine.state import DriverState
 
 FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]
 
-ROOM = 2048
+STEP_EVENT_ROOM = 2048
 """Number of events, and of changes of the motion, that are written before the loop returns."""
 
 
@@ -71,21 +72,21 @@ class StepEventMemory:
 
     def __init__(self, size: int, reactions: Sequence[Reaction]) -> None:
         self.size, events = size, len(reactions)
-        self.run: Any = EVENT_RUN.structure(count=0, begin=1, break_room=ROOM, ahead=1, longest=1)
-        self.review: Any = REVIEW.structure(room=ROOM + MOST_ZEROS)
-        self.times = np.zeros(MOST_STEPS + 4)
-        self.states = np.empty((MOST_STEPS + 4 + MOST_LANES, size))
+        self.run: Any = EVENT_RUN.structure(count=0, begin=1, break_room=STEP_EVENT_ROOM, ahead=1, longest=1)
+        self.review: Any = REVIEW.structure(room=STEP_EVENT_ROOM + MOST_ZEROS)
+        self.times = np.zeros(MOST_WAITING + 4)
+        self.states = np.empty((MOST_WAITING + 4 + WIDEST_VECTOR, size))
         self.sign, self.near, self.remaining, self.came, self.until_end = np.zeros((5, events), dtype=np.int64)
         self.stayed = np.zeros(events)
         self.direction = np.array([one.direction for one in reactions], dtype=np.int64)
-        self.which = np.empty(ROOM + MOST_ZEROS, dtype=np.int64)
-        self.when, self.there = np.empty(ROOM + MOST_ZEROS), np.empty((ROOM + MOST_ZEROS, size))
+        self.which = np.empty(STEP_EVENT_ROOM + MOST_ZEROS, dtype=np.int64)
+        self.when, self.there = np.empty(STEP_EVENT_ROOM + MOST_ZEROS), np.empty((STEP_EVENT_ROOM + MOST_ZEROS, size))
         resets = [[one.first for one in reactions], [len(one.entries) for one in reactions], [0] * events]
         entries = [entry for one in reactions for entry in one.entries]
         self.settings = np.array([*(x for block in resets for x in block), *entries, 0], dtype=np.int64)
         self.until_end = self.settings[(SETTINGS - 1) * events : SETTINGS * events]
-        self.break_rows, self.break_times = np.empty(ROOM + 1, dtype=np.int64), np.empty(ROOM + 1)
-        self.break_states = np.empty((ROOM + 1, size))
+        self.break_rows, self.break_times = np.empty(STEP_EVENT_ROOM + 1, dtype=np.int64), np.empty(STEP_EVENT_ROOM + 1)
+        self.break_states = np.empty((STEP_EVENT_ROOM + 1, size))
         self.kept_reals, self.kept_counts = np.empty(0), np.empty(0, dtype=np.int64)
         self.keep_start()
 

@@ -90,7 +90,7 @@ def _components(
 MOST_SEARCHED = 24
 """Largest number of coordinates for which symmetries other than ignorable coordinates are searched."""
 
-LARGEST = 60_000
+MOST_SYMMETRY_MONOMIALS = 60_000
 """Largest number of monomials formed in the proof of one symmetry: about 1 s of computing."""
 
 
@@ -207,7 +207,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
     """Return True if a short proof shows that a candidate leaves the Lagrangian unchanged, without a gauge function."""
     try:
-        with equation.stated.algebra.at_most(LARGEST):
+        with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
             return equation.proven(candidate)
     except TooLargeError:
         return False
@@ -216,7 +216,7 @@ def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
 def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
     """Return the symmetry completed with its gauge function F(q, t), or None if no proof succeeds."""
     try:
-        with equation.stated.algebra.at_most(LARGEST):
+        with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
             symmetry = equation.completed(candidate)
             return symmetry if symmetry is not None and equation.proven(symmetry) else None
     except TooLargeError:
@@ -408,7 +408,7 @@ def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
 MOST_COORDINATES = 12
 """Largest number of coordinates for which the status card has momenta: the test for 30 links takes 0.3 s."""
 
-SAMPLES = 200
+SIZE_SAMPLES = 200
 """Largest number of output times at which the sizes of terms are evaluated."""
 
 MOST_LINES = 3
@@ -435,7 +435,7 @@ def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Para
     if not quantities or not len(t):
         return {}
     nodes = tuple(model.equations.translate(_terms(quantity.expression)) for quantity in quantities)
-    some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
+    some = np.unique(np.linspace(0, len(t) - 1, SIZE_SAMPLES).astype(int))
     with np.errstate(all="ignore"):
         sizes = model.called(model.function("sizes", nodes), t[some], y[:, some], some_of(parameters, some))
     return {quantity.name: float(row.max()) for quantity, row in zip(quantities, np.abs(sizes), strict=True)}
@@ -463,7 +463,7 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
     q, v = model.layout.split(y)
     with np.errstate(all="ignore"):
         momenta = np.asarray(model.momenta(q, v, t, parameters))[places]
-        some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
+        some = np.unique(np.linspace(0, len(t) - 1, SIZE_SAMPLES).astype(int))
         kernel = model.interpreted("mass_matrix")
         mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[places]
         terms = np.abs(mass * v[:, some]).sum(axis=1).max(axis=1, keepdims=True)

@@ -27,7 +27,7 @@ FORCE_LEFT = 1e-15
 FORCE_LEFT_BY_SEARCH = 1e-6
 """Largest residual force at an equilibrium in decimals, relative to its terms."""
 
-ROUNDING = 1e-15
+COORDINATE_ROUNDING = 1e-15
 """Relative rounding error of a coordinate in decimals: for pi as a double, sin(pi) = 1.2e-16 is only rounding."""
 
 MOST_PLACES = 64
@@ -270,7 +270,9 @@ class _Problem:
         for equation in self.equations:
             whole = sympy.expand(equation)
             left = abs(number(whole.xreplace(dict(values)).xreplace(free), known))
-            rounding = sum(ROUNDING * abs(number(x, known)) * size(whole.diff(q)) for q, x in decimals.items())
+            rounding = sum(
+                COORDINATE_ROUNDING * abs(number(x, known)) * size(whole.diff(q)) for q, x in decimals.items()
+            )
             if left > limit * size(whole) + rounding:
                 raise RunError(
                     f"an equilibrium of {self.statement.name} is wrong: a force of {left:.3g} is left. {FAULT}"

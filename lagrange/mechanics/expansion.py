@@ -47,7 +47,7 @@ def _compared(one: Any, sign: int) -> Any:
     return sympy.true if above.get(one.rel_op, False) else sympy.false
 
 
-CLOSE = 1e-8
+BALANCED_FORCE = 1e-8
 """Largest residual force at an equilibrium in decimals, relative to the stiffness."""
 
 
@@ -129,7 +129,7 @@ class StatedPoint:
         if not self.decimal or given.free_symbols:
             return vanishes(self.form, given)
         size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
-        return abs(complex(printable(given))) <= CLOSE * size
+        return abs(complex(printable(given))) <= BALANCED_FORCE * size
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:

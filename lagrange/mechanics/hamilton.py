@@ -16,7 +16,7 @@ from lagrange.evidence.agreement import LARGEST_ERROR, compared, holds, random_p
 from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import (
-    DIGITS,
+    FORMULA_DIGITS,
     STATES,
     PlainForm,
     fresh_name,
@@ -34,7 +34,7 @@ from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import Survey, in_own_parameters
 from lagrange.statement.statement import Statement
 
-LARGEST_BLOCK = 4
+LARGEST_COUPLED_BLOCK = 4
 """Largest number of coupled velocities that are solved for in symbols: the inverse of five has thousands of terms."""
 
 
@@ -71,11 +71,11 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
     """Return adjugate and determinant of a block of the mass matrix. Raises StatementError if it is singular."""
-    if len(block) > LARGEST_BLOCK:
+    if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
         raise StatementError(
             f"{form.statement.name} is too large for its velocities to be written out in momenta: {names} are coupled, "
-            f"and at most {LARGEST_BLOCK} are solved for in symbols. compile() runs it in velocities."
+            f"and at most {LARGEST_COUPLED_BLOCK} are solved for in symbols. compile() runs it in velocities."
         )
     mass = form.mass.extract(list(block), list(block))
     determinant = simplest(mass.det(method="berkowitz"))
@@ -209,7 +209,7 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], f
         momenta = [number(form.momenta[i], values) for i in block]
         if not all(p.imag == 0 for p in momenta):
             return None
-        known = values | {symbols[i]: sympy.Float(p.real, DIGITS) for i, p in zip(block, momenta, strict=True)}
+        known = values | {symbols[i]: sympy.Float(p.real, FORMULA_DIGITS) for i, p in zip(block, momenta, strict=True)}
         again = [number(x, known) for x in found]
         return all(
             abs(x - values[form.v[i]]) <= LARGEST_ERROR * (1 + abs(x)) for i, x in zip(block, again, strict=True)

@@ -291,7 +291,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     return [*compiled.ravel()], [*formulas.ravel()]
 
 
-ROUNDING = 1e-9
+ELIMINATION_ROUNDING = 1e-9
 """Part of the largest entry of a row below which an entry left by elimination counts as zero."""
 
 Rows = Sequence[Sequence[Node]]
@@ -438,7 +438,7 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
     for j in range(gradient.cols):
         share = np.abs(left[:, j]) / np.where(sizes > 0, sizes, 1.0)
         share[rows] = 0.0
-        if len(left) and share.max() > ROUNDING:
+        if len(left) and share.max() > ELIMINATION_ROUNDING:
             pivot = int(share.argmax())
             rows.append(pivot)
             columns.append(j)

@@ -44,7 +44,7 @@ LONGEST_SIMPLIFIED = 60
 A longer formula may take hours.
 """
 
-ZERO = 1e-18
+NULL_ENTRY = 1e-18
 """Entries of a null vector below this fraction of the largest count as zero, in 30 digits."""
 
 SMALL = 1e-7
@@ -310,10 +310,10 @@ def _shape(matrix: Any, skipped: int) -> Any:
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]
-    adjugate = adjugate.applyfunc(lambda x: x if abs(number(x, values)) > ZERO * max(sizes) else sympy.S.Zero)
+    adjugate = adjugate.applyfunc(lambda x: x if abs(number(x, values)) > NULL_ENTRY * max(sizes) else sympy.S.Zero)
     for k in range(adjugate.cols):
         column = adjugate[:, k]
-        if skipped == 0 and max(sizes) > ZERO and not column.is_zero_matrix:
+        if skipped == 0 and max(sizes) > NULL_ENTRY and not column.is_zero_matrix:
             return _scaled(column)
     columns = matrix.nullspace(simplify=simplest, iszerofunc=is_zero)
     return _scaled(columns[skipped]) if skipped < len(columns) else None

@@ -161,7 +161,7 @@ STATES = 3
 """Number of random states at which an expression must be zero to count as identically zero."""
 
 RESIDUAL = 1e-20
-"""Largest value of an expression that is zero, relative to its terms: two thirds of the `DIGITS` computed."""
+"""Largest value of an expression that is zero, relative to its terms: two thirds of the `FORMULA_DIGITS` computed."""
 
 
 def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
@@ -253,7 +253,7 @@ class Shortener:
 IMAGINARY = 1e-20
 """Largest imaginary part, relative to the real part, that is rounding."""
 
-DIGITS = 30
+FORMULA_DIGITS = 30
 """Decimal digits of an evaluated formula: compared with doubles, its own rounding is negligible."""
 
 
@@ -349,7 +349,7 @@ def number(given: Any, values: Mapping[Any, Any]) -> complex:
         return complex("nan")
     # Symbols are matched by name, since the value of a function of time may contain another symbol of the same name.
     by_name = {symbol.name: sympy.Rational(x) if isinstance(x, float) else x for symbol, x in values.items()}
-    found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(DIGITS)
+    found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(FORMULA_DIGITS)
     return complex(found) if found.is_number and found.is_finite else complex("nan")
 
 

@@ -18,6 +18,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
+from lagrange.statement.number import TYPED_ROUNDING
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.statement import Constraint, Statement
@@ -145,10 +146,6 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
     return value
 
 
-ROUNDING = 1e-6
-"""Largest difference of an initial value from its expression, relative to the larger: six typed digits are enough."""
-
-
 def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
     """Return a statement without some coordinates, and without the constraints that determine them.
 
@@ -259,7 +256,7 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
         given, found = statement.initial[row], printable(known).xreplace(values).evalf()
         if not given or not found.is_number:
             continue
-        if not found.is_finite or abs(found - given) > ROUNDING * max(abs(found), abs(given)):
+        if not found.is_finite or abs(found - given) > TYPED_ROUNDING * max(abs(found), abs(given)):
             follows = f"{found.evalf(6)}" if found.is_finite else "undefined"
             raise StatementError(
                 f"{name} = {shown(str(printable(solved)))} does not hold at the initial state: {label} is {given:.6g} "

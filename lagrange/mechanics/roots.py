@@ -256,10 +256,10 @@ def _is_tangled(value: Any) -> bool:
 STARTS = 256
 """Number of starting points of a search by number."""
 
-STEPS = 60
+NEWTON_STEPS = 60
 """Largest number of Newton steps from each start; near a root five suffice."""
 
-CLOSE = 1e-9
+CONVERGED_STEP = 1e-9
 """Largest last Newton step of a converged start, relative to 1 plus the largest unknown."""
 
 SMALL = 1e-8
@@ -271,14 +271,14 @@ WITHIN = 1e-3
 It rejects end points far out, where a residual is small but never zero.
 """
 
-SAME = 1e-6
+SAME_ROOT = 1e-6
 """Largest distance, in the same measure, between two end points that count as the same root."""
 
 FLAT = 1e-6
 """Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""
 
 SAME_FLAT = 1e-3
-"""As `SAME`, for two flat end points, since y^3 determines y to about 1e-4. The one of smallest residual is kept."""
+"""As `SAME_ROOT`, for flat end points, since y^3 determines y to about 1e-4. That of smallest residual is kept."""
 
 
 def numeric_roots(
@@ -304,7 +304,7 @@ def numeric_roots(
         here, sizes = _wrapped(x[:k, i], turning), np.linalg.svd(slopes[i], compute_uv=False)
         level = bool(sizes[-1] <= FLAT * sizes[0])
         apart = (np.abs(_wrapped(here - end, turning)).max() / (1 + np.abs(end).max()) for end in ends)
-        if not any(d <= (SAME_FLAT if level and f else SAME) for d, f in zip(apart, flat, strict=True)):
+        if not any(d <= (SAME_FLAT if level and f else SAME_ROOT) for d, f in zip(apart, flat, strict=True)):
             ends.append(here)
             flat.append(level)
     return sorted(ends, key=lambda end: [round(float(value), 6) for value in end])
@@ -350,7 +350,7 @@ class _NumericEquations:
         A step is at most as long as `scale` (k,).
         """
         good, limit = np.zeros(x.shape[1], dtype=bool), 0.0
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             r, slopes = self.at(x)
             sizes = np.where(np.isfinite(r), np.abs(r), np.nan)
             limit = limit or SMALL * max(1e-300, *(np.nanmedian(row) for row in sizes if np.isfinite(row).any()))
@@ -358,7 +358,7 @@ class _NumericEquations:
             step = np.zeros_like(x)
             if sound.any():
                 step[:, sound] = (np.linalg.pinv(slopes[sound], rcond=1e-10) @ r.T[sound][:, :, None])[:, :, 0].T
-            short = np.abs(step).max(axis=0) <= CLOSE * (1 + np.abs(x).max(axis=0))
+            short = np.abs(step).max(axis=0) <= CONVERGED_STEP * (1 + np.abs(x).max(axis=0))
             good = sound & short & (np.abs(r).max(axis=0) <= limit)
             if good.all():
                 break

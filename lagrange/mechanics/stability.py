@@ -27,6 +27,7 @@ from lagrange.mechanics.plain_form import (
     vanishes,
     vanishes_in_symbols,
 )
+from lagrange.mechanics.roots import CONVERGED_STEP
 from lagrange.statement.coordinate import t
 from lagrange.statement.number import real_array
 from lagrange.statement.parameters import label_of
@@ -279,14 +280,11 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
     )
 
 
-STEPS = 30
+FOLLOWING_STEPS = 30
 """Largest number of Newton steps from the equilibrium at the previous value of the parameter."""
 
 MOST_VALUES = 10_000
 """Largest number of values of the parameter: each takes some milliseconds."""
-
-CLOSE = 1e-9
-"""Largest last Newton step at convergence, relative to 1 plus the largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -404,7 +402,7 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
         return None
     if before is not None:
         state[q] = before[q]
-    for _ in range(STEPS):
+    for _ in range(FOLLOWING_STEPS):
         try:
             a = model.accelerations(state[q], state[v], 0.0, given)
             slopes = model.jacobian(0.0, state, given)[v, q]
@@ -414,7 +412,7 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
             return None
         step = np.linalg.pinv(slopes, rcond=1e-10) @ a
         state[q] -= step
-        if np.abs(step).max() <= CLOSE * (1 + np.abs(state[q]).max()):
+        if np.abs(step).max() <= CONVERGED_STEP * (1 + np.abs(state[q]).max()):
             left = np.abs(model.accelerations(state[q], state[v], 0.0, given)).max()
             return state if left <= 1e-6 * max(1e-300, np.abs(slopes).max()) else None
     return None

@@ -39,7 +39,7 @@ from lagrange.statement.expression import entries, expression
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 
-CLOSE = 1e-9
+START_RESIDUAL = 1e-9
 """Largest residual of the new velocities, relative to the old ones and to 1."""
 
 
@@ -198,7 +198,7 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     slopes = np.array([[real(x, here) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
     found = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
-    if float(np.abs(slopes[:, unknowns] @ found - rest).max()) > CLOSE * max(1.0, float(np.abs(rest).max())):
+    if float(np.abs(slopes[:, unknowns] @ found - rest).max()) > START_RESIDUAL * max(1.0, float(np.abs(rest).max())):
         there = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
         raise StatementError(
             f"the initial velocities have no values in the new coordinates: at {there} they are singular. Give "
@@ -210,7 +210,7 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
 
 def _preference(end: FloatArray, angles: Sequence[bool]) -> tuple[int, float]:
     """Return a sort key of solutions: those with positive lengths first, then those with small values."""
-    negative = sum(x < -CLOSE for x, angle in zip(end, angles, strict=True) if not angle)
+    negative = sum(x < -START_RESIDUAL for x, angle in zip(end, angles, strict=True) if not angle)
     return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
 
 

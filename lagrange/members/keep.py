@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange.algorithm.members.along import NEAR_END, RISE, SIGNS, lobatto
+from lagrange.algorithm.members.along import END_SLOPE_AT, RISE, SIGNS, lobatto
 from lagrange.algorithm.members.extremum import largest_between, memory_size
 from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
@@ -364,7 +364,7 @@ class _Extremum:
 
         `first` is the index of the point before the gap.
         """
-        x, near = lobatto()[0], np.full(len(which), NEAR_END if first == 0 else 1.0 - NEAR_END)
+        x, near = lobatto()[0], np.full(len(which), END_SLOPE_AT if first == 0 else 1.0 - END_SLOPE_AT)
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
         rises = value * SIGNS[self.reduction.how] >= np.maximum(f[which, first], f[which, first + 1])
         kept, ends = which[rises], np.ones(int(rises.sum()))

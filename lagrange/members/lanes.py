@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.kernel.kernels import kernel, prepare
@@ -24,7 +25,6 @@ from lagrange.algorithm.members.taylor import TaylorMembers
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.series.by_order import ByOrderJet
 from lagrange.algorithm.series.cost import single_operations
-from lagrange.algorithm.series.integrator import LANES as PACKED
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.series.written_out import WrittenJet
@@ -206,7 +206,7 @@ def _observed(kernels: Mapping[str, Procedure], layout: StateLayout) -> Observed
 
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
-MOST_OPERATIONS = 30_000
+MOST_LANE_OPERATIONS = 30_000
 """Largest number of operations of a series that lanes compute: above it the coefficients of eight members leave the
 cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8 to 0.95
 for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
@@ -383,7 +383,7 @@ def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
     if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or model.statement.contacts:
         return False
     if isinstance(plan, TaylorPlan):
-        small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS
+        small = single_operations(pack(plan.series.program, WIDEST_VECTOR), plan.order) <= MOST_LANE_OPERATIONS
         resets = any(one.reset for one in plan.impacts)
         return small and not resets and not plan.series.program.sides and plan.series.program.projection is None
     resets = any(event.reset for event in problem.events)

@@ -61,7 +61,7 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
 VERSIONS = ("numpy", "llvmlite")
 """Packages whose versions may affect the last digits."""
 
-LONG = ("statement", "steps", "values", "events", "expressions")
+LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
 """Entries of a description whose values are not printed in messages: long texts and checksums."""
 
 
@@ -145,7 +145,7 @@ def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     if not differ:
         return ""
     labels = [f"{name} (its {listing(_parts(found, wanted))})" if name == "statement" else name for name in differ]
-    short = next((name for name in differ if name not in LONG), None)
+    short = next((name for name in differ if name not in LONG_ENTRIES), None)
     return listing(labels) + (f": {short} was {shown(found.get(short))} and is {shown(wanted[short])}" if short else "")
 
 

@@ -32,7 +32,7 @@ def threads_of(workers: Any) -> int:
     return processors() if workers is None else whole_number(workers, "workers", 1, MOST_WORKERS)
 
 
-AHEAD = 2
+CHUNKS_PER_WORKER = 2
 """Number of chunks submitted per worker of an executor: one runs, and the next one waits for the worker."""
 
 AT_ONCE, SENT = 0.1, 0.5
@@ -103,8 +103,8 @@ class ExecutorRunner:
 
     @property
     def places(self) -> int:
-        """`AHEAD` chunks for each worker."""
-        return AHEAD * max(workers_of(self._executor), 1)
+        """`CHUNKS_PER_WORKER` chunks for each worker."""
+        return CHUNKS_PER_WORKER * max(workers_of(self._executor), 1)
 
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk."""

@@ -29,7 +29,7 @@ TOLERANCE = 1e-13
 """Relative and absolute tolerance of the steps. The double pendulum drifts by some 1e-12 in a minute; a picture takes
 30 us."""
 
-MOST_STEPS = 5000
+PAGE_STEPS = 5000
 """Largest number of steps between two recorded states; a pendulum takes one."""
 
 

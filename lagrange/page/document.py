@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange.page.script_data import moving_points
-from lagrange.show.figures.style import DARK, LIGHT, MOST_NAMED, FigureStyle, colours
+from lagrange.show.figures.style import DARK, LIGHT, NAMED_POINTS, FigureStyle, colours
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.statement.statement import Statement
 
@@ -24,7 +24,7 @@ SPACE = 3
 def legend(statement: Statement) -> str:
     """Return HTML with the names of the moving points in their colours."""
     names = moving_points(statement)
-    if not 1 < len(names) <= MOST_NAMED:
+    if not 1 < len(names) <= NAMED_POINTS:
         return ""
     rows = (f'<li><i class="colour{k}"></i>{escape(name)}</li>' for k, name in enumerate(names))
     return f'<ul class="legend">{"".join(rows)}</ul>'

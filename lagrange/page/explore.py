@@ -27,10 +27,10 @@ from lagrange.trajectory.solution import Solution
 MOST_SLIDERS = 12
 """Largest number of sliders of a system: more are hard to use."""
 
-LONGEST = 1.0
+SLIDER_RUN_SECONDS = 1.0
 """Longest time of a run for sliders in Python, in seconds, before it ends with a message."""
 
-WIDTH, HEIGHT = 1100, 760
+FRAME_WIDTH, FRAME_HEIGHT = 1100, 760
 """Size in pixels of the frame of a page; a notebook may be narrower."""
 
 
@@ -64,7 +64,7 @@ class ExploredPage:
     html: str
 
     def _repr_html_(self) -> str:
-        return in_frame(self.html, f"sliders of {self.name}", WIDTH, HEIGHT)
+        return in_frame(self.html, f"sliders of {self.name}", FRAME_WIDTH, FRAME_HEIGHT)
 
     def __repr__(self) -> str:
         return f"<sliders of {self.name}: a notebook shows them; system.to_page(path) writes a page>"
@@ -134,7 +134,7 @@ def _widgets(
     def show(_: Any = None) -> None:
         initial, parameters = _values(sliders, {name: float(widget.value) for name, widget in widgets.items()})
         try:
-            solution = run(end, initial, parameters=parameters, method=method, max_wall=LONGEST)
+            solution = run(end, initial, parameters=parameters, method=method, max_wall=SLIDER_RUN_SECONDS)
             picture.value = animate(solution, style=style)._repr_html_()
         except LagrangeError as refusal:
             message.value = f"<b>The run did not get to its end.</b> {text(str(refusal))}"

@@ -17,7 +17,7 @@ from lagrange.statement.statement import Statement
 OPEN = ("Stated", "Equations of motion")
 """Sections that are open when the page loads."""
 
-LONGEST = 30_000
+LONGEST_SECTION = 30_000
 """Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
 8,000."""
 
@@ -39,7 +39,7 @@ class FoldedFormulas(HtmlPage):
     def section(self, section: Section) -> str:
         """Return a section, or a sentence instead of it if it is too long."""
         inside = "" if _is_long(section) else "\n".join(map(self.row, section.rows))
-        if not inside or len(inside) > LONGEST:
+        if not inside or len(inside) > LONGEST_SECTION:
             inside = self.row(TOO_LONG)
         opened = " open" if section.heading in OPEN else ""
         heading = self.heading(section, escape, "<math>{}</math>")
@@ -55,10 +55,10 @@ class FoldedFormulas(HtmlPage):
 
 
 def _is_long(section: Section) -> bool:
-    """Return True if the text of a section is surely longer than `LONGEST`, by its number of operations."""
+    """Return True if the text of a section is surely longer than `LONGEST_SECTION`, by its number of operations."""
     sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
     operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
-    return operations * SHORTEST_OPERATION > LONGEST
+    return operations * SHORTEST_OPERATION > LONGEST_SECTION
 
 
 def formulas(derivation: Derivation) -> str:
@@ -66,7 +66,7 @@ def formulas(derivation: Derivation) -> str:
     return FoldedFormulas(derivation.statement).sections(sections(derivation))
 
 
-FEW = 15
+OPEN_SLIDERS = 15
 """Largest number of sliders that are shown unfolded. With more, those of the initial state and excess parameters are
 folded."""
 
@@ -79,8 +79,8 @@ def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
     states = [pair for pair in others if pair[1].kind != PARAMETER]
     groups = [
         ("Sliders", chosen, False),
-        ("Parameters", parameters, bool(chosen) or len(parameters) > FEW),
-        ("Start", states, bool(chosen) or len(others) > FEW),
+        ("Parameters", parameters, bool(chosen) or len(parameters) > OPEN_SLIDERS),
+        ("Start", states, bool(chosen) or len(others) > OPEN_SLIDERS),
     ]
     units = any(slider.unit or slider.angle for slider in found)
     written = (

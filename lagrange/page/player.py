@@ -38,7 +38,7 @@ LEVELS = 2**13
 MOST_COORDINATES = 20
 """Largest number of coordinates that are recorded beside named points: more would double the size of the page."""
 
-LONG = 10.0
+LONG_TRAIL_SECONDS = 10.0
 """Duration of a long trail, in seconds on the screen."""
 
 
@@ -101,7 +101,7 @@ def in_frame(page: str, title: str, width: int, height: int) -> str:
 
 def _trails(seconds: float) -> str:
     """Return the options of the trail: none, the requested seconds on the screen, long, and all."""
-    trails = {"no": 0.0, "short": seconds or 2.5, "long": LONG, "whole": 1e9}
+    trails = {"no": 0.0, "short": seconds or 2.5, "long": LONG_TRAIL_SECONDS, "whole": 1e9}
     chosen = "short" if seconds else "no"
     return "".join(
         f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name} trail</option>'

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, spring
-from lagrange.show.figures.style import MOST_NAMED, point_look
+from lagrange.show.figures.style import NAMED_POINTS, point_look
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.units import energy_unit, length_unit, unit_of
@@ -80,7 +80,7 @@ def _points(statement: Statement) -> dict[str, Any]:
     sizes = [len(line) for line in statement.outlines.values()]
     firsts = np.cumsum([len(names), *sizes]).tolist()
     moving = moving_points(statement)
-    several = len(moving) <= MOST_NAMED
+    several = len(moving) <= NAMED_POINTS
     numbers = {name: number if several else 0 for number, name in enumerate(moving)}
     return {
         "points": names,

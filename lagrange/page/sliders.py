@@ -105,10 +105,10 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 NICE = (1.0, 2.0, 3.0, 5.0, 10.0)
 """First digits of default bounds."""
 
-LEAST, MOST = 0.1, 3.0
+LOWEST, HIGHEST = 0.1, 3.0
 """Bounds of a parameter as multiples of its value. A lower bound of zero would often leave a system without inertia."""
 
-SHARE = 0.9
+COORDINATE_RANGE = 0.9
 """Half-range of a coordinate with a nonzero start, as a fraction of its value: its sign stays the same."""
 
 
@@ -146,7 +146,12 @@ def parameter_bounds(value: float) -> tuple[float, float]:
     """Return the bounds of a parameter: a tenth to three times its value, or 0 to 1 for the value zero."""
     if value == 0:
         return 0.0, 1.0
-    low, high = sorted((math.copysign(nice(LEAST * abs(value)), value), math.copysign(nice(MOST * abs(value)), value)))
+    low, high = sorted(
+        (
+            math.copysign(nice(LOWEST * abs(value)), value),
+            math.copysign(nice(HIGHEST * abs(value)), value),
+        )
+    )
     return low, high
 
 
@@ -168,7 +173,7 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
     usual = max(free, default=0.0) or 1.0
     for place, (angle, name) in enumerate(zip(circular, statement.names, strict=True)):
         value = initial[place]
-        half = TURN / 2 if angle else nice(usual) if value == 0 else SHARE * abs(value)
+        half = TURN / 2 if angle else nice(usual) if value == 0 else COORDINATE_RANGE * abs(value)
         middle = TURN * round(value / TURN) if angle else value
         unit = unit_of(statement, name)
         yield Slider(name, STATE, place, value, middle - half, middle + half, unit, chosen=False, angle=angle)

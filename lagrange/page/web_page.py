@@ -13,7 +13,7 @@ import numpy as np
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
-from lagrange.page.computed_motion import MOST_STEPS, TOLERANCE, motion_source
+from lagrange.page.computed_motion import PAGE_STEPS, TOLERANCE, motion_source
 from lagrange.page.document import (
     COMPUTED,
     PICTURES,
@@ -78,7 +78,7 @@ def page_of(
         "initial": start.tolist(),
         "sliders": [{key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in found],
         "tolerance": TOLERANCE,
-        "most_steps": MOST_STEPS,
+        "most_steps": PAGE_STEPS,
         "t_end": end,
         "play": play,
         "span": [bound if math.isfinite(bound) else None for bound in statement.span],

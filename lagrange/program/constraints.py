@@ -22,7 +22,7 @@ from lagrange.graph.term_size import term_sizes
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 
-LEAST_SIZE = Fraction(1, 2**1000)
+LEAST_TERM_SIZE = Fraction(1, 2**1000)
 """Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
 
 
@@ -81,7 +81,7 @@ def projection_program(equations: Equations) -> Program:
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
     """Return the absolute value of each node, divided by its size."""
     graph = values[0].graph
-    return [graph.call("abs", value) / (size + LEAST_SIZE) for value, size in zip(values, sizes, strict=True)]
+    return [graph.call("abs", value) / (size + LEAST_TERM_SIZE) for value, size in zip(values, sizes, strict=True)]
 
 
 def multiplier_symbols(equations: Equations) -> list[Node]:

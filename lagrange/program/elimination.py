@@ -13,11 +13,11 @@ from functools import cached_property, lru_cache
 
 from lagrange.equations.solve_plan import SolvePlan, band_order
 
-WRITTEN_OUT = 6
+LARGEST_IN_LINE = 6
 """Largest matrix without multipliers whose elimination is printed one operation at a time. For larger ones a loop is as
 fast and compiles at once."""
 
-MOST_OPERATIONS = 30_000
+MOST_MULTIPLICATIONS = 30_000
 """Largest number of multiplications of an elimination with multipliers that is printed one by one."""
 
 
@@ -97,7 +97,7 @@ class Elimination:
     @property
     def written_out(self) -> bool:
         """True if the operations are printed one by one, and not as loops."""
-        return self.order <= WRITTEN_OUT or (bool(self.negative) and self.operations <= MOST_OPERATIONS)
+        return self.order <= LARGEST_IN_LINE or (bool(self.negative) and self.operations <= MOST_MULTIPLICATIONS)
 
 
 @lru_cache(maxsize=256)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from lagrange.program.program import GIVEN, Instruction, Program
 
-LARGEST = 4000
+LONGEST_PROGRAM = 4000
 """Largest number of instructions of a program that is simplified, which takes 10 us for each."""
 
-LONGEST = 40
+MOST_COMPARED_TERMS = 40
 """Largest number of terms of a sum, or factors of a product, that is searched: each term is compared with all
 others."""
 
@@ -39,7 +39,7 @@ Term = tuple[bool, tuple[int, ...]]
 
 def simplified(program: Program) -> Program:
     """Return the program with fewer operations; unchanged if none can be saved or if it has more than LARGEST."""
-    if len(program.instructions) > LARGEST:
+    if len(program.instructions) > LONGEST_PROGRAM:
         return program
     found = _Simplifier(program).made()
     return found if operations(found) < operations(program) else program
@@ -106,7 +106,7 @@ class _Simplifier:
             self.hoisted.append(op not in ("time", "state") and all(self.hoisted[arg] for arg in args))
             self.reads.append(0)
             found = tuple(sorted(f for arg in args for f in self.factors[arg])) if op == "mul" else (ref,)
-            self.factors.append(found if len(found) <= LONGEST else (ref,))
+            self.factors.append(found if len(found) <= MOST_COMPARED_TERMS else (ref,))
             for arg in args:
                 self.reads[arg] += 1
         return self.numbers[one]
@@ -136,7 +136,7 @@ class _Simplifier:
     def sum(self, a: Signed, b: Signed) -> Signed:
         """Return the sum of two values; terms that cancel are removed."""
         terms = [*self.terms(a), *self.terms(b)]
-        if len(terms) > LONGEST:
+        if len(terms) > MOST_COMPARED_TERMS:
             return self.added(a, b)
         left = self.cancelled(terms)
         found = self.added(a, b) if len(left) == len(terms) else self.total(left)

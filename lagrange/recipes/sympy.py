@@ -46,7 +46,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 MOST_DENOMINATOR = 64
 """Largest denominator, a power of two, of a double that is written as a fraction; others become exact Floats."""
 
-DIGITS = 17
+DOUBLE_DIGITS = 17
 """Decimal digits that determine every double."""
 
 
@@ -111,7 +111,7 @@ def number(value: float) -> Any:
     exact = Fraction(value)
     if exact.denominator <= MOST_DENOMINATOR and abs(value) < 2**53:
         return sympy.Rational(exact.numerator, exact.denominator)
-    return sympy.Float(value, DIGITS)
+    return sympy.Float(value, DOUBLE_DIGITS)
 
 
 class _Writer:

@@ -20,7 +20,7 @@ A step changes a coordinate by at most about half of its amplitude. Then the err
 less than a pixel.
 """
 
-ROUNDING = 1e-9
+STATE_NOISE = 1e-9
 """Rounding noise, relative to the largest entry of all states."""
 
 
@@ -93,7 +93,7 @@ class _Between:
         states, accelerations = self(middles)
         error = np.abs(self._rates(middles, states)[self.n :] - accelerations) * h[apart] ** 2 / 24
         change = np.abs(np.diff(self.y[: self.n])).max(axis=1, keepdims=True)
-        wrong = ~(error <= LARGEST_ERROR * change + ROUNDING * np.abs(self.y).max())
+        wrong = ~(error <= LARGEST_ERROR * change + STATE_NOISE * np.abs(self.y).max())
         if wrong.any():
             place = apart[int(wrong.any(axis=0).argmax())]
             raise StatementError(

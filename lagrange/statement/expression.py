@@ -21,7 +21,7 @@ from lagrange.statement.number import real_number
 MOST_ENTRIES = 10_000
 """Largest number of entries of a vector. A generator with more is refused, for it may have no end."""
 
-DEEPEST = 400
+MOST_LEVELS = 400
 """Largest number of levels of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each
 level."""
 
@@ -37,8 +37,8 @@ def as_typed(value: Any, what: str) -> Any:
     """Return an expression as `expression` does, but with shorthands such as R[0, 0] as they are."""
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
-            f"{what} is an expression nested more than {DEEPEST} levels deep, which SymPy cannot read: give symbols to "
-            "its inner parts, or write it with fewer levels."
+            f"{what} is an expression nested more than {MOST_LEVELS} levels deep, which SymPy cannot read: "
+            "give symbols to its inner parts, or write it with fewer levels."
         )
     if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
         return real(without_modulo(value))
@@ -88,7 +88,7 @@ def _differentiated(expression: Any) -> Any:
 def is_too_deep(value: Any) -> bool:
     """Return True if an expression is nested too deeply for SymPy's recursive functions."""
     level = {id(value): value}
-    for _ in range(DEEPEST):
+    for _ in range(MOST_LEVELS):
         level = {id(part): part for node in level.values() for part in node.args if isinstance(part, sympy.Basic)}
         if not level:
             return False

@@ -27,6 +27,10 @@ from lagrange.errors import (
     suggestion,
 )
 
+TYPED_ROUNDING = 1e-6
+"""Largest relative rounding of numbers that people type, with six or more digits."""
+
+
 FloatArray = NDArray[np.float64]
 
 DOUBLE = np.dtype(float)

@@ -50,7 +50,7 @@ ENTRIES = "wxyz"
 AXES = "xyz"
 """Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about an axis of the body."""
 
-ROUNDING = 1e-9
+LARGEST_DEVIATION = 1e-9
 """Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
 
 
@@ -196,10 +196,10 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
         )
     if numbers.shape == (4,):
         size = float(np.linalg.norm(numbers))
-        if abs(size - 1) > ROUNDING:
+        if abs(size - 1) > LARGEST_DEVIATION:
             raise StatementError(_of_length(name, size))
         return tuple((numbers / size).tolist())
-    if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > ROUNDING:
+    if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > LARGEST_DEVIATION:
         raise StatementError(
             f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
             f"{off:.3g}."
@@ -579,7 +579,7 @@ def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
         return
     numbers = [[entry.xreplace(dict(values)) for entry in row] for row in rows]
     least, middle, most = np.linalg.eigvalsh(np.array(numbers, dtype=float))
-    if least < -ROUNDING * most or most > (least + middle) * (1 + ROUNDING):
+    if least < -LARGEST_DEVIATION * most or most > (least + middle) * (1 + LARGEST_DEVIATION):
         raise StatementError(
             f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
             "above the sum of the other two."

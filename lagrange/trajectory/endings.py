@@ -127,7 +127,7 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
     return not np.isfinite(size) or abs(float((metric * null) @ rate)) >= DOMINANT_SHARE * size
 
 
-NEAR_END = 1e-6
+NEAR_TABLE_END = 1e-6
 """Distance from the end of a table, as a fraction of its range, at which a failed run counts as at the end.
 
 Adaptive steps come closer.
@@ -146,7 +146,7 @@ def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> 
     nodes = tuple(model.equations.translate(variable) for variable, _, _ in tables)
     values = model.function("ranges", nodes)(np.array([t, t + step]), states, problem.parameter_array)
     for (variable, low, high), row in zip(tables, values, strict=True):
-        margin = NEAR_END * (high - low)
+        margin = NEAR_TABLE_END * (high - low)
         if not (low + margin < row.min() and row.max() < high - margin):
             name = statement.quote(variable, 60)
             return (

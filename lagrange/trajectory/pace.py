@@ -25,7 +25,7 @@ from lagrange.trajectory.tableaux.butcher import moved
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
 
-ROWS = 64
+LAST_ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
 UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
@@ -33,7 +33,9 @@ UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
 rates lead to the surface, relative to the time from the first to the last."""
 
 
-def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = ROWS) -> EventResult | None:
+def stuck(
+    problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = LAST_ROWS
+) -> EventResult | None:
     """Return the end of a run at t if its last accepted states stick to a surface, else None.
 
     `covered` is the duration of the run since the last test, and `rows` the largest number of states.

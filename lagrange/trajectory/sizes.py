@@ -185,7 +185,7 @@ def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.boo
 NOISE_MULTIPLE = 4.0
 """Floors are this multiple of the rounding noise of an entry. With 16 a chain of ten links loses a digit at 1e-12."""
 
-TINY = 1e-300
+TINY_NOISE = 1e-300
 """Added to the noise of an acceleration, which may be zero."""
 
 VISIBLE = 2.0**8, 2.0**24, 2.0**40
@@ -198,7 +198,7 @@ MOST_DISPLACEMENTS = 8
 """Largest number of displacements of one entry that are tried; its derivatives are zero if none is visible and
 linear."""
 
-AHEAD, EULER_STEPS = 1 / 8, 2
+NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
 """The noise is also evaluated ahead: after this number of Euler steps of this part of the natural time.
 
 Terms that vanish at the start, as of a chain that hangs at rest, have noise as soon as it moves.
@@ -222,7 +222,7 @@ def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, 
         noise = _noise(model, parameters, t, y)
         rate = _fastest_rate(law, layout, t, y, noise)
         time = min(abs(left), 1 / rate) if rate > 0 else abs(left)
-        step, ahead = math.copysign(AHEAD * time, left), y
+        step, ahead = math.copysign(NOISE_AHEAD * time, left), y
         for _ in range(EULER_STEPS if rate > 0 else 0):
             ahead = ahead + step * law(t, ahead)
         noise = np.fmax(noise, _noise(model, parameters, t, ahead))
@@ -263,7 +263,7 @@ def _derivatives(
         moved = y.copy()
         moved[j] += step
         there = accelerations(moved)
-        change, doubt = abs(there - force), noise + UNIT * abs(there) + TINY
+        change, doubt = abs(there - force), noise + UNIT * abs(there) + TINY_NOISE
         ratio = float(np.max(change / doubt))
         found = np.where(change > least * doubt, change / step, 0.0)
         linear = ratio <= most or float(abs(found - before).max()) <= float(found.max()) / 2

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.linear.gauss_jordan import WRITTEN_OUT, inversion, row_stride
+from lagrange.algorithm.linear.gauss_jordan import UNROLLED_ORDER, inversion, row_stride
 from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.address import address
@@ -90,7 +90,7 @@ def test_a_dependent_row_is_found_and_a_nan_is_not_called_one(n: int, band: int)
 # --- pivoting -------------------------------------------------------------------------------------------------
 # The inverse that Newton's method uses, against LAPACK: every order, any units, zeros on the diagonal, no inverse.
 
-ORDERS = [1, 2, 3, 4, 5, 8, 12, WRITTEN_OUT, WRITTEN_OUT + 1, 30]
+ORDERS = [1, 2, 3, 4, 5, 8, 12, UNROLLED_ORDER, UNROLLED_ORDER + 1, 30]
 
 
 @cache

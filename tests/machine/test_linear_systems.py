@@ -17,7 +17,7 @@ from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import inversion
-from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.lower import lower
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive, scaled
 from tests.models import TARGETS
@@ -261,7 +261,7 @@ def trusted(kernel: Any, values: Any) -> bool:
     """Return whether every pivot was trusted: the last that `prepare` keeps of the factors."""
     slots = KernelCode(kernel.program).prepared.of_program(kernel.program)
     (factor,) = (ref for ref in slots if kernel.program.instructions[ref].op == "factor")
-    return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor, WRITTEN_OUT) - 1])
+    return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor, LARGEST_IN_LINE) - 1])
 
 
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (3, 1), (4, 2), (3, 3)])

@@ -18,7 +18,7 @@ from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel, printed
-from lagrange.machine.kernel.straight_lines import WRITTEN_OUT, StraightLines, fits
+from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
 from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from tests.models import TARGETS
@@ -293,8 +293,8 @@ def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
 
 
 def test_a_large_system_is_interpreted() -> None:
-    assert fits(pendulums(3).compile(target="numpy").kernel("rhs").program) and WRITTEN_OUT >= 10
-    order = WRITTEN_OUT + 1
+    assert fits(pendulums(3).compile(target="numpy").kernel("rhs").program) and LARGEST_IN_PYTHON >= 10
+    order = LARGEST_IN_PYTHON + 1
     entries = tuple(range(order * (order + 1) // 2))
     code = (*(Instruction("state", place=i) for i in entries), Instruction("factor", entries, order=order))
     assert not fits(
@@ -323,7 +323,7 @@ def test_the_source_is_what_runs(quantity: str, target: str) -> None:
 
 
 def test_a_source_that_is_not_there_is_told() -> None:
-    large = pendulums(WRITTEN_OUT + 1).compile(target="numpy")
+    large = pendulums(LARGEST_IN_PYTHON + 1).compile(target="numpy")
     with pytest.raises(lg.StatementError, match="rhs solves a linear system of 13 unknowns, which is not printed: 12"):
         large.source("rhs")
     with pytest.raises(lg.StatementError, match="'power' is not a quantity of a model: they are rhs"):

@@ -256,7 +256,7 @@ def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch
     llvm_driver._compiled.cache_clear()
     model = unit_pendulum().compile(check=False)
     first = ran(model, method, **RUNS[method])
-    monkeypatch.setattr(tiers, "STEPS", 1)
+    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 1)
     compiled_steps.cache_clear()
     llvm_driver._compiled.cache_clear()
     fresh = unit_pendulum().compile(check=False)
@@ -268,12 +268,12 @@ def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
     jet = LlvmSeries(program).compiled(9)
     quick = jet.address
     assert jet.tiers is not None
-    jet.tiers.count(tiers.STEPS - 1)
+    jet.tiers.count(tiers.STEPS_BEFORE_OPTIMIZING - 1)
     assert (len(made), jet.address, jet.tiers.is_final) == (1, quick, False)
     jet.tiers.count(1)
     assert made == [jet.ir] * 2
     assert jet.address != quick
-    jet.tiers.count(tiers.STEPS)
+    jet.tiers.count(tiers.STEPS_BEFORE_OPTIMIZING)
     assert jet.tiers.is_final
     assert len(made) == 2
 
@@ -281,7 +281,7 @@ def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
 def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
     made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tiers, "STEPS", 400)
+    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 400)
     compiled_steps.cache_clear()
     flow = lg.flow(unit_pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
     y = np.array([1.0, 0.0])
@@ -328,7 +328,7 @@ def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
     made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Quickly by the first loop of a process, and well by the first that is compiled well."""
-    monkeypatch.setattr(tiers, "STEPS", 40)
+    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 40)
     compiled_steps.cache_clear()
     _events.cache_clear()
     # Engines that are in use call the functions that were just given up.

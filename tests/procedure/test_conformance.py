@@ -15,9 +15,9 @@ import pytest
 
 import lagrange as lg
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import WRITTEN_OUT, Prepared
+from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, Prepared
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.projection import MOST_CORRECTIONS, RESOLVED, ROUND_OFF, project
+from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.llvm.engine import Module
@@ -184,7 +184,7 @@ MATRICES: dict[str, Callable[[int], Any]] = {
 }
 
 
-@pytest.mark.parametrize("order", [2, 9, WRITTEN_OUT + 2])
+@pytest.mark.parametrize("order", [2, 9, LARGEST_IN_SOURCE + 2])
 @pytest.mark.parametrize("kind", MATRICES)
 @pytest.mark.parametrize("hoisted", [False, True])
 def test_systems_are_solved_with_pivoting_where_it_is_needed(order: int, kind: str, hoisted: bool) -> None:
@@ -195,7 +195,7 @@ def test_systems_are_solved_with_pivoting_where_it_is_needed(order: int, kind: s
     y = right if hoisted else np.concatenate([lower, right])
     given = lower if hoisted else np.zeros(0)
     if kind == "singular":
-        if hoisted and order > WRITTEN_OUT:  # a factorization in memory is singular when it is prepared
+        if hoisted and order > LARGEST_IN_SOURCE:  # a factorization in memory is singular when it is prepared
             with pytest.raises(AssertionError):
                 evaluated([program], 0.0, y, given)
         else:
@@ -240,7 +240,7 @@ def projected(
 
 
 def test_a_state_whose_violation_is_round_off_stays_as_it_is() -> None:
-    found = projected([([1e-17, 2e-17], ROUND_OFF, 0.0)], [1.0, 2.0])
+    found = projected([([1e-17, 2e-17], KEPT_VIOLATION, 0.0)], [1.0, 2.0])
     assert found == (Outcome.DONE, False, [1.0, 2.0], [0.0, 0.0], 1)
 
 
@@ -273,7 +273,7 @@ def test_a_correction_that_leaves_more_than_half_is_not_made(violation: float, o
 
 def test_a_state_that_does_not_come_near_is_given_up() -> None:
     outcome, moved, _, _, asked = projected([([1e-3], 1e-2, 4e-3)], [1.0])
-    assert (outcome, moved, asked) == (Outcome.UNPROJECTED, True, MOST_CORRECTIONS)
+    assert (outcome, moved, asked) == (Outcome.UNPROJECTED, True, PROJECTION_CORRECTIONS)
 
 
 @pytest.mark.parametrize("answer", [([0.1], float("nan"), 0.0), ([0.1], 1.0, float("nan"))])

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots
 from lagrange.algorithm.taylor.event_series import doubtful_events, event_terms, only_passage, only_zero
-from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout
+from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.watching import TERM_SUMS
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.llvm_machine import LlvmMachine
@@ -181,7 +182,7 @@ def asked(machine: str, columns: Any, s: float, *, every: bool = False) -> tuple
     """Return which of some series, (order + 1, k), are doubtful on a step, and whether any is."""
     order, count = len(columns) - 1, columns.shape[1]
     layout = TaylorLayout(2, 2 + count, count, 2, block=2)
-    work, doubtful = np.zeros(layout.size(order)), np.full(count + BLOCK, np.nan)
+    work, doubtful = np.zeros(layout.size(order)), np.full(count + WIDEST_VECTOR, np.nan)
     rows = work[layout.rows :][: (order + 1) * layout.width].reshape(order + 1, layout.width)
     rows[:, layout.watched_at :] = columns
     some = PRINTERS[machine](doubtful_events.form(layout=layout))(s, every, doubtful, work, order)

@@ -28,7 +28,7 @@ from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.procedure.form import OPERATIONS as KINDS
 from lagrange.program.lower import lower
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
-from lagrange.program.simplify import LARGEST, LONGEST, operations, simplified
+from lagrange.program.simplify import LONGEST_PROGRAM, MOST_COMPARED_TERMS, operations, simplified
 from tests.graph.trees import SYMBOLS, Forms, evaluate, expressions, new_graph
 
 POINT = {"m": 1.7, "x": 0.31, "y": -0.83, "u": 1.21}
@@ -498,10 +498,10 @@ def test_the_double_pendulum_has_no_products_that_cancel() -> None:
 
 
 def test_long_programs_and_long_sums_are_left_alone() -> None:
-    long = program(*(Instruction("neg", (i,)) for i in range(5 - 1, 4 + LARGEST)), outputs=(LARGEST,))
+    long = program(*(Instruction("neg", (i,)) for i in range(5 - 1, 4 + LONGEST_PROGRAM)), outputs=(LONGEST_PROGRAM,))
     assert simplified(long) is long
     sums = [Instruction("sin", (U,))]
-    for k in range(3 * LONGEST):
+    for k in range(3 * MOST_COMPARED_TERMS):
         sums += [Instruction("mul", (5 + 2 * k, U)), Instruction("add", (6 + 2 * k, V))]
-    wide = program(*sums, outputs=(5 + 6 * LONGEST,))
+    wide = program(*sums, outputs=(5 + 6 * MOST_COMPARED_TERMS,))
     assert results(simplified(wide)) == pytest.approx(results(wide), rel=1e-12)

@@ -23,7 +23,7 @@ from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.modes_figure import MOST_MODES
 from lagrange.show.figures.panel import colour_bar, turned_lines
-from lagrange.show.figures.portrait_figure import HEIGHT, WIDTH
+from lagrange.show.figures.portrait_figure import PANEL_HEIGHT, PANEL_WIDTH
 from lagrange.show.figures.style import DARK, style_of
 from lagrange.show.figures.ticks import log_ticks
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
@@ -93,7 +93,9 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
         assert (np.abs(line[good, 0]) <= np.pi + 1e-12).all()
         both = good[1:] & good[:-1]
         middle = (line[1:][both] + line[:-1][both]) / 2
-        gradient = np.column_stack([np.sin(middle[:, 0]) * TURN / WIDTH, middle[:, 1] * found.plane[1].width / HEIGHT])
+        gradient = np.column_stack(
+            [np.sin(middle[:, 0]) * TURN / PANEL_WIDTH, middle[:, 1] * found.plane[1].width / PANEL_HEIGHT]
+        )
         off = np.abs(middle[:, 1] ** 2 / 2 - np.cos(middle[:, 0]) - energy) / np.maximum(
             np.linalg.norm(gradient, axis=1), 1e-9
         )
@@ -111,7 +113,7 @@ def test_an_orbit_of_many_turns_in_few_steps_is_round() -> None:
     found = lg.phase_portrait(slow, {x: (-1.2, 1.2), x.dot: (-1.2, 1.2)}, starts=[{x: 1.0}], t_end=100.0)
     (line,) = lines_of(found.plot().axes[0], "#0b6e99")
     line = line[np.isfinite(line).all(axis=1)]
-    pixels = np.array([WIDTH, HEIGHT]) / 2.4
+    pixels = np.array([PANEL_WIDTH, PANEL_HEIGHT]) / 2.4
     begin, chords = line[:-1] * pixels, np.diff(line, axis=0) * pixels
     for t in np.linspace(0.0, 99.0, 400):
         state = np.exp(-c * t) * np.array([np.cos(t) + c * np.sin(t), -(1 + c**2) * np.sin(t)]) * pixels

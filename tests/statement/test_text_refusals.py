@@ -151,7 +151,7 @@ def test_only_a_text_is_read(value: Any) -> None:
 
 
 def test_what_nests_too_deeply_for_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.statement.scene.expressions.DEEPEST", 10_000)
+    monkeypatch.setattr("lagrange.statement.scene.expressions.DEEPEST_NESTING", 10_000)
     assert refusal("(" * 2000 + "x" + ")" * 2000)[1].startswith("the expression is nested too deeply")
 
 

@@ -1,8 +1,8 @@
 """Memory in which the polynomials of a block of steps are computed, one step in each column.
 
-Steps are taken in blocks of `columns`, and each vector of a block is stored by columns: entry j of step b is at index j
-* columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of `LANES`
-steps, of which the last may be repeated. The numpy machine has as many columns as there are steps.
+Steps are taken in blocks of `columns`, and each vector of a block is stored by columns: entry j of step b is at index
+j * columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of
+`WIDEST_VECTOR` steps, of which the last may be repeated. The numpy machine has as many columns as there are steps.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.procedure.form import READ, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
-
-LANES = 8
-"""Number of steps of a block in machine code: the widest vectors of doubles that processors have."""
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
 """Type of a function that evaluates a law over columns. Arguments: the number of columns, their times, coordinates and
@@ -70,7 +68,7 @@ class StepPolynomial:
     def size(self, dimension: int, columns: int) -> int:
         """Return the number of doubles of work memory of the procedure, for states (2n,)."""
         vectors = SPARE.vectors + self.room.vectors + self.vectors + self.matrices * dimension
-        return (vectors * dimension + SPARE.rows + self.room.rows) * columns + LANES
+        return (vectors * dimension + SPARE.rows + self.room.rows) * columns + WIDEST_VECTOR
 
 
 SPARE = Room(vectors=2, rows=1)
@@ -176,12 +174,12 @@ class Block:
     @inline
     def entries(self) -> Iterator[int]:
         """Loop over all numbers of a vector of the block."""
-        yield from each(self.dimension * self.columns, width=LANES, spill=True, disjoint=True)
+        yield from each(self.dimension * self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
     def each_column(self) -> Iterator[int]:
         """Loop over the columns."""
-        yield from each(self.columns, width=LANES, spill=True, disjoint=True)
+        yield from each(self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
     def spread(self, row: In, target: Out) -> None:
@@ -197,7 +195,7 @@ class Block:
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
 
-READ_STEPS, WRITTEN = Array(read=True, room=LANES), Array(room=LANES)
+READ_STEPS, WRITTEN = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
 
 
 def block_type() -> Bundle:
@@ -224,7 +222,7 @@ def mend(block: Block, first: In) -> None:
     """
     total = block.dimension * block.columns
     largest = 0.0
-    for x in each(total, width=LANES, spill=True):
+    for x in each(total, width=WIDEST_VECTOR, spill=True):
         nothing = 0.0
         for power in range(block.degree + 1):
             nothing = fma(block.out[power * total :][x], 0.0, nothing)

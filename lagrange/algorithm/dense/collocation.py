@@ -16,21 +16,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import (
-    LANES,
-    SPARE,
-    Block,
-    OwnStep,
-    Room,
-    StepPolynomial,
-    block_type,
-    steps_in,
-    weighted,
-)
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import SPARE, Block, OwnStep, Room, StepPolynomial, block_type, steps_in, weighted
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
-TURNS = 12
+STAGE_CORRECTIONS = 12
 """Largest number of corrections of the inner stages; 3 to 5 reduce the error of a straight line to round-off."""
 
 SETTLED = 1e-14
@@ -91,10 +82,10 @@ def increments(block: Block) -> None:
     block.slopes(time, step.new, slopes[(stages - 1) * total :])
     linearize(block, step)
     iterations, moving = 0, 1.0
-    while iterations < TURNS and moving > 0.0:
+    while iterations < STAGE_CORRECTIONS and moving > 0.0:
         correct(block, step)
         moving = 0.0
-        for b in each(block.columns, width=LANES, spill=True):
+        for b in each(block.columns, width=WIDEST_VECTOR, spill=True):
             moving = magnitude(moving, active[b])
         iterations += 1
     straighten(block)
@@ -207,7 +198,7 @@ def collocation(block: Block) -> None:
     increments(block.with_step(block.own, rest, gains))
     write(block, gains)
     joined = 0.0
-    for b in each(block.columns, width=LANES, spill=True):
+    for b in each(block.columns, width=WIDEST_VECTOR, spill=True):
         joined = magnitude(joined, steps_in(block.beside, block.dimension, block.columns).side[b])
     if joined > 0.0:
         increments(block.with_step(block.beside, rest, beside_gains))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lagrange.algorithm.dense.block import LANES, POLYNOMIAL, steps_in
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import POLYNOMIAL, steps_in
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, each, fma, quotient, reals, unrolled, wholes
@@ -13,7 +14,7 @@ from lagrange.procedure.front.vocabulary import In, Out, WholesIn, each, fma, qu
 CHUNK = 256
 """Largest number of times on one step that are evaluated together."""
 
-READ_BLOCKS, BLOCKS = Array(read=True, room=LANES), Array(room=LANES)
+READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
 
 
 @procedure(theta=lambda: READ_BLOCKS, out=lambda: BLOCKS)
@@ -27,7 +28,7 @@ def horner(
     for j in range(0, dimension, 2):
         sources = tuple(c[(j + i) * column :] for i in unrolled(2))
         first, second = out[j * stride :], out[(j + 1) * stride :]
-        for i in each(count, width=LANES, disjoint=True):
+        for i in each(count, width=WIDEST_VECTOR, disjoint=True):
             values = tuple(source[degree * row] for source in sources)
             for k in range(degree):
                 place = (degree - 1 - k) * row
@@ -145,7 +146,7 @@ def outputs(path: Path, wanted: In, count: int, sign: float, out: Out, stride: i
     The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.
     """
     times, columns, dimension = path.times, path.columns, path.dimension
-    starts, begins = wholes(LANES), wholes(LANES + 1)
+    starts, begins = wholes(WIDEST_VECTOR), wholes(WIDEST_VECTOR + 1)
     place, step = 0, 0
     while place < count:
         used = 0
@@ -181,7 +182,7 @@ def on_step(
     stride: int,
 ) -> None:
     """Write the states at times of one step; accepted states are copied exactly."""
-    theta = reals(CHUNK, room=LANES)
+    theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
     h = end - t
     for begin in range(0, count, CHUNK):
@@ -189,7 +190,7 @@ def on_step(
         here = wanted[begin:]
         # Whole vectors are computed: what stands behind the last must not be slow to multiply, as denormals are.
         behind = theta[part:]
-        for i in each(LANES, width=LANES, spill=True):
+        for i in each(WIDEST_VECTOR, width=WIDEST_VECTOR, spill=True):
             behind[i] = 0.0
         for i in range(part):
             theta[i] = (here[i] - t) / h

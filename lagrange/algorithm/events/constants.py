@@ -4,12 +4,12 @@ from __future__ import annotations
 
 EPSILON = 2.0**-52
 
-ROUND_OFF = 8 * EPSILON
+POLYNOMIAL_NOISE = 8 * EPSILON
 """Least noise of a polynomial on a step, relative to sum |c[k] h**k|. Measured 30 halvings deep around roots of random
 polynomials, simple, double and close, to degree 40 (64): Bernstein coefficients are wrong by 3.6 (4.6) EPSILON at most,
 and those that are within 64 EPSILON of zero by 0.9 (1.2)."""
 
-DEEPEST = 50
+DEEPEST_HALVING = 50
 """Largest number of halvings of a step; a narrower interval is a single point."""
 
 MOST_COEFFICIENTS = 65
@@ -30,7 +30,7 @@ LEAST_POWER = -(2**20)
 CONVERGED = EPSILON / 1024
 """Newton's method ends if its next step is below this fraction of the root."""
 
-NARROWEST = 2.0**-DEEPEST
+NARROWEST = 2.0**-DEEPEST_HALVING
 """Width of the smallest part of a step; it is not halved again."""
 
 SURELY = 1.001
@@ -60,7 +60,7 @@ TINY = 64 * 2.0**-1074
 LARGEST_NOISE = 1e-8
 """Noise above this fraction of a function is treated as the function itself."""
 
-MOST_HALVINGS = 500
+STEP_HALVINGS = 500
 """Largest number of halvings of one step; then the function is left to the caller. It suffices for some tens of
 roots."""
 
@@ -84,11 +84,11 @@ LONGEST_LOOK = 256
 FIRST_LOOK = 4
 """Number of steps before the first review if an event resets the state: steps after the reset are discarded."""
 
-AHEAD = 2.0
+RESTART_FACTOR = 2.0
 """After a reset an adaptive method starts with a step of this many times the interval since the last reset: such
 intervals are alike."""
 
-CLOSE = 256 * 2.0**-52
+SHORTEST_RESTART = 256 * 2.0**-52
 """Lower bound of that first step as a fraction of the time. If even shorter steps are needed, the events report that
 time stands still."""
 

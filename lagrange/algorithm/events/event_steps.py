@@ -11,8 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from lagrange.algorithm.dense.block import LANES
-from lagrange.algorithm.events.constants import AHEAD, ALONG, CLEARLY, CLOSE, CLOSEST, LONGEST_LOOK, NOISE_HALVES
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.events.constants import (
+    ALONG,
+    CLEARLY,
+    CLOSEST,
+    LONGEST_LOOK,
+    NOISE_HALVES,
+    RESTART_FACTOR,
+    SHORTEST_RESTART,
+)
 from lagrange.algorithm.events.step_review import review
 from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
 from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, Watch
@@ -35,11 +43,11 @@ from lagrange.procedure.front.vocabulary import (
     unlikely,
 )
 
-STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
+TAKE_STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
 """Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine has prepared, the
 numbers and counts of the run, work memory, the number of tries, and the arrays for times and states."""
 
-MOST_STEPS = 1024
+MOST_WAITING = 1024
 """Largest number of steps that are taken before a review: their times and states are stored until then."""
 
 LOOK, READ_EVENTS = 16, 17
@@ -154,8 +162,9 @@ class Waiting:
     """Steps of a run that wait for a review, the driver that takes them, and the arrays for accepted rows.
 
     They are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive` takes steps, from the
-    `laws`; see `STEPS`. `reals` are the numbers of the run and then its floors, and `counts` its counts; `kept_reals`
-    and `kept_counts` are those before the steps. The driver has the state `y` at the indices `entries` of its memory.
+    `laws`; see `TAKE_STEPS`. `reals` are the numbers of the run and then its floors, and `counts` its counts;
+    `kept_reals` and `kept_counts` are those before the steps. The driver has the state `y` at the indices `entries` of
+    its memory.
     """
 
     event_run: EventRun
@@ -199,7 +208,7 @@ class Waiting:
             self.driver_work[self.entries[i]] = self.y[i]
         run.rows = counts[ROWS]
         counts[ROWS] = 0
-        tries = min(run.ahead, run.left, MOST_STEPS)
+        tries = min(run.ahead, run.left, MOST_WAITING)
         outcome = self.try_steps(max(tries, min(2, run.left)) if is_first else tries)
         while is_first and run.left < run.budget - 1 and outcome == Outcome.PAUSED and counts[ROWS] < 2:
             outcome = self.try_steps(1)
@@ -260,7 +269,7 @@ class Waiting:
         if run.fixed != 0:
             reals[START] = t - float(steps) * reals[STEP]
         else:
-            interval = larger(AHEAD * abs(t - run.changed), CLOSE * abs(t))
+            interval = larger(RESTART_FACTOR * abs(t - run.changed), SHORTEST_RESTART * abs(t))
             reals[H] = math.copysign(smaller(abs(length), interval), length)
         run.ahead = max(1, min(run.since + kept, LONGEST_LOOK))
         run.since, run.count, run.begin, run.before = 0, 0, 1, 0
@@ -312,7 +321,7 @@ class EventLoop:
 
 def loop_type() -> Bundle:
     """Return the type of the arguments of the loop."""
-    waiting = Bundle(Waiting, {"drive": STEPS, "row_states": Array(room=LANES)})
+    waiting = Bundle(Waiting, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
     types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
     types |= {"watch": Bundle(Watch, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
     return Bundle(EventLoop, types)
@@ -431,27 +440,27 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y
-    lines, line, half = samples.lines(), samples.block().y, quotient(n, 2) * LANES
+    lines, line, half = samples.lines(), samples.block().y, quotient(n, 2) * WIDEST_VECTOR
     time, slopes, missed = lines.time, lines.state, lines.missed
-    for b in range(LANES):
+    for b in range(WIDEST_VECTOR):
         time[b] = t
         for j in range(n):
             new, old = after[j], y[j]
-            line[j * LANES + b] = new if b == 1 else old
-    if samples.law(LANES, time, line, line[half:], samples.law_parameters, slopes) >= 0:
+            line[j * WIDEST_VECTOR + b] = new if b == 1 else old
+    if samples.law(WIDEST_VECTOR, time, line, line[half:], samples.law_parameters, slopes) >= 0:
         return False
     step, fixed_step = waiting.reals[H], waiting.reals[STEP]
     h, factor_of_time = (fixed_step if run.fixed != 0 else step) * ALONG, samples.factors[n]
-    for b in range(LANES):
+    for b in range(WIDEST_VECTOR):
         # Before and after the state along its slope, and moved by rounding.
         along = -h if b == 0 else h if b == 1 else 0.0
         time[b] = t * factor_of_time if b == 2 else t + along
         for j in range(n):
-            value, slope, factor = y[j], slopes[j * LANES], samples.factors[j]
-            line[j * LANES + b] = value * factor if b == 2 else value + along * slope
-    if samples.kernel(LANES, time, line, line[half:], samples.parameters, missed) >= 0:
+            value, slope, factor = y[j], slopes[j * WIDEST_VECTOR], samples.factors[j]
+            line[j * WIDEST_VECTOR + b] = value * factor if b == 2 else value + along * slope
+    if samples.kernel(WIDEST_VECTOR, time, line, line[half:], samples.parameters, missed) >= 0:
         return False
-    moved = missed[event * LANES :]
+    moved = missed[event * WIDEST_VECTOR :]
     rise = (moved[1] - moved[0]) * float(run.way)
     return run.way == 0 or rise > CLEARLY * edge_noise(before, moved[2])
 
@@ -475,7 +484,7 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
     missed = loop.path(0, 0).lines().missed
     for e in range(loop.samples.events):
         is_due, has_reset, before, value = e == event, loop.setting(RESET_SIZE, e)[0] != 0, before_values[e], values[e]
-        noise = edge_noise(before, missed[e * LANES + 2])
+        noise = edge_noise(before, missed[e * WIDEST_VECTOR + 2])
         begin_side(watch.sign[e:], watch.near[e:], (before, value), noise, is_due=is_due, has_reset=has_reset)
         watch.stayed[e] = abs(before) if is_due else 0.0
         others = UNKNOWN if has_reset else ANYHOW

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, magnitude, quotient
 
-AT_ONCE = 4
+PASSES_AT_ONCE = 4
 """Passes of a triangle of sums that are done in one loop, so that each number is read and written once for all."""
 
 
@@ -26,14 +26,14 @@ def bernstein(c: In, count: int, b: Out) -> None:
     for k in range(count):
         b[k] = c[k] * weight
         weight *= float(k + 1) / float(count - 1 - k)
-    rest = count - 1 - quotient(count - 1, AT_ONCE) * AT_ONCE
+    rest = count - 1 - quotient(count - 1, PASSES_AT_ONCE) * PASSES_AT_ONCE
     for first in range(rest):
         before = b[first]
         for place in range(first + 1, count):
             given = b[place]
             b[place] = given + before
             before = given
-    for first in range(rest, count - 1, AT_ONCE):
+    for first in range(rest, count - 1, PASSES_AT_ONCE):
         add_four_times(b[first:], count - first)
 
 
@@ -44,7 +44,7 @@ def add_four_times(b: Out, count: int) -> None:
     second2, second3 = first2 + first1, first3 + first2
     w, x, y, z = b[3], first3, second3, second3 + second2
     b[1], b[2], b[3] = first1, second2, z
-    for place in range(AT_ONCE, count):
+    for place in range(PASSES_AT_ONCE, count):
         number = b[place]
         once = number + w
         twice = once + x

@@ -21,7 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.events.constants import DEEPEST, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
+from lagrange.algorithm.events.constants import DEEPEST_HALVING, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
 from lagrange.algorithm.events.halving import bernstein, halve, sign_of, signs
 from lagrange.algorithm.events.polynomial import PADDED, passage, slope_at_end, turn, value
 from lagrange.algorithm.events.scaling import scaled
@@ -200,8 +200,8 @@ def isolate(search: Search, first: int, others: float, rates: float, end: float)
     `scaling.Sums`.
     """
     c, count, doubt = search.c, search.count, search.doubt
-    parts = reals((DEEPEST + 1) * MOST_COEFFICIENTS)
-    starts, widths = reals(DEEPEST + 1), reals(DEEPEST + 1)
+    parts = reals((DEEPEST_HALVING + 1) * MOST_COEFFICIENTS)
+    starts, widths = reals(DEEPEST_HALVING + 1), reals(DEEPEST_HALVING + 1)
     starts[0], widths[0] = 0.0, 1.0
     part, is_decided, there, size = 0, True, sign_of(end, doubt), 0.0
     # All but the first coefficient cannot outweigh it: no root. The slope keeps its sign: one at most.

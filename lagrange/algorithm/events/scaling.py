@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lagrange.algorithm.events.constants import LEAST_POWER, MODEST, ROUND_OFF, SMALLEST
+from lagrange.algorithm.events.constants import LEAST_POWER, MODEST, POLYNOMIAL_NOISE, SMALLEST
 from lagrange.algorithm.events.polynomial import PADDED, pad
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, mantissa, two_to, unlikely, wholes
@@ -40,7 +40,7 @@ def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) ->
         rates += float(k) * size
         end += term
         power *= h
-    return noise + ROUND_OFF * (abs(first) + others), others, rates, end
+    return noise + POLYNOMIAL_NOISE * (abs(first) + others), others, rates, end
 
 
 @procedure

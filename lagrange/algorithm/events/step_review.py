@@ -8,7 +8,7 @@ zero and does not leave at once, or several that change the motion at one time.
 
 from __future__ import annotations
 
-from lagrange.algorithm.dense.block import LANES
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.step_samples import Lines, Samples, samples_type
 from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
 from lagrange.procedure.front.plain import Bundle, inline, procedure
@@ -26,21 +26,21 @@ def review(samples: Samples, watch: Watch) -> int:
     review, it is written after them and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
-    queue, places = wholes(QUEUE), wholes(LANES)
+    queue, places = wholes(QUEUE), wholes(WIDEST_VECTOR)
     zeros = step_zeros(samples, lines, watch)
     while reached < end:
         filled = 0
-        while reached < end and filled <= QUEUE - LANES:
+        while reached < end and filled <= QUEUE - WIDEST_VECTOR:
             filled = queue_block(samples, lines, watch, places, reached, queue, filled)
-            reached += LANES
-        for first in range(0, filled, LANES):
-            for b in range(LANES):
+            reached += WIDEST_VECTOR
+        for first in range(0, filled, WIDEST_VECTOR):
+            for b in range(WIDEST_VECTOR):
                 places[b] = queue[min(first + b, filled - 1)]
             is_bad, is_resolved = samples.follow(lines, places), False
             if unlikely(is_bad or zeros.begin_at_zero(places[0])):
                 watch.review.step = places[0]
                 return IRREGULAR
-            for b in range(min(filled - first, LANES)):
+            for b in range(min(filled - first, WIDEST_VECTOR)):
                 if zeros.some_may_vanish(b):
                     if not is_resolved:
                         is_bad, is_resolved = samples.sample_fully(lines), True
@@ -58,11 +58,11 @@ def queue_block(
 ) -> int:
     """Append the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
     end, is_bad = watch.review.end, False
-    for b in range(LANES):
+    for b in range(WIDEST_VECTOR):
         places[b] = min(first + b, end - 1)
     if samples.screens:
         is_bad = samples.sift(lines, places)
-    for b in range(min(end - first, LANES)):
+    for b in range(min(end - first, WIDEST_VECTOR)):
         is_close = is_bad or first + b == watch.review.begin or not samples.screens
         if is_close or samples.some_doubtful(lines, b):
             queue[filled] = first + b

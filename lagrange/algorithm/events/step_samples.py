@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from lagrange.algorithm.dense.block import COLUMNS, LANES, POLYNOMIAL, OwnStep, steps_in
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, OwnStep, steps_in
 from lagrange.algorithm.dense.evaluate import gather
 from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
@@ -95,9 +96,9 @@ def sizes_of(dimension: int, events: int, columns: int) -> tuple[int, ...]:
     return (*shared, *(events * width for width in (columns,) * 6 + (wide, full, full, part)))
 
 
-def work_size(dimension: int, events: int, columns: int = LANES) -> int:
+def work_size(dimension: int, events: int, columns: int = WIDEST_VECTOR) -> int:
     """Return the number of doubles of work memory of the review, for blocks of `columns` steps."""
-    return sum(sizes_of(dimension, events, columns)) + LANES
+    return sum(sizes_of(dimension, events, columns)) + WIDEST_VECTOR
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class Samples:
     states: Any
     steps: int
 
-    columns = LANES
+    columns = WIDEST_VECTOR
     """Steps of a block."""
 
     @inline
@@ -298,7 +299,7 @@ class Samples:
         """Evaluate the events at the nodes of a part of a step; spare columns are at its end."""
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
-        h, places = lines.t_end[b] - t, reals(part, room=LANES)
+        h, places = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
         for k in unrolled(part):
             places[k] = nodes().tolist()[k] if k <= DEGREE else 1.0
         for k in each(part, width=columns):
@@ -316,7 +317,7 @@ class Samples:
 def samples_type(*without: str) -> Bundle:
     """Return the type of a `Samples` parameter of a procedure; the fields `without` are left out."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
-    types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=LANES))
+    types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
     return Bundle(Samples, types | dict.fromkeys(without))
 

@@ -15,11 +15,11 @@ from typing import Any
 from lagrange.algorithm.events.chebyshev import COARSE, DEGREE
 from lagrange.algorithm.events.constants import (
     CLEAR_FACTOR,
-    DEEPEST,
+    DEEPEST_HALVING,
     JUMP,
-    MOST_HALVINGS,
     MOST_ROOTS,
     NARROWEST,
+    STEP_HALVINGS,
     TOGETHER,
 )
 from lagrange.algorithm.events.resolution import chebyshev, local_polynomial
@@ -245,7 +245,7 @@ class StepZeros:
             given = size, noise, self.tails[top], least
             known, blur, tail = local_polynomial(self.coefficients, *given, self.powers)
             if unlikely(known == 0):
-                is_hopeless = width <= NARROWEST or halvings >= MOST_HALVINGS or not size < math.inf
+                is_hopeless = width <= NARROWEST or halvings >= STEP_HALVINGS or not size < math.inf
                 is_irregular = is_hopeless or is_bad or has_no_value
                 half = width * 0.5
                 self.starts[top + 1], self.widths[top + 1], self.tails[top + 1] = start, half, tail
@@ -400,6 +400,6 @@ class StepZeros:
 def step_zeros(samples: Samples, lines: Lines, watch: Watch) -> StepZeros:
     """Return the search for zeros, with its memory."""
     memory: tuple[Any, ...] = tuple(watch.noted[samples.events * k :] for k in unrolled(4))
-    memory = (*memory, *(reals(DEEPEST + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
+    memory = (*memory, *(reals(DEEPEST_HALVING + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
     memory = (*memory, reals(MOST_ROOTS), wholes(MOST_ROOTS), reals(MOST_ZEROS), wholes(MOST_ZEROS), wholes(MOST_ZEROS))
     return StepZeros(samples, lines, watch, *memory)

@@ -8,10 +8,10 @@ from functools import reduce
 from operator import and_
 from typing import Any
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.kernel import elimination
-from lagrange.algorithm.kernel.prepared import WRITTEN_OUT, width_of, written_out
-from lagrange.algorithm.linear.ldl import COLUMNS_AT_ONCE, factor_dense, factor_size, solve_columns, solve_factored
+from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, width_of, written_out
+from lagrange.algorithm.linear.ldl import factor_dense, factor_size, solve_columns, solve_factored
 from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import ANGLES, FLAG, OPERATIONS, REAL
@@ -36,7 +36,7 @@ class Style:
     given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
     """
 
-    largest: int = WRITTEN_OUT
+    largest: int = LARGEST_IN_SOURCE
     substituted: int = 800
     systems: int = 64
     entries: int = 1_000_000
@@ -61,7 +61,7 @@ class Inputs:
     time: Real | None = None
     state: Memory | None = None
     names: Mapping[int, str] = field(default_factory=dict)
-    largest: int = WRITTEN_OUT
+    largest: int = LARGEST_IN_SOURCE
     """Largest matrix whose prepared factors are those of a written-out elimination; see `Prepared`."""
 
 
@@ -321,9 +321,9 @@ class Body:
 
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
         """Return the memory of adjacent right-hand sides, and the length of a row."""
-        n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), COLUMNS_AT_ONCE)
+        n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), WIDEST_VECTOR)
         if solves[0] not in self.rows:
-            self.rows[solves[0]] = self.p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows")
+            self.rows[solves[0]] = self.p.reserve(n * width, room=WIDEST_VECTOR, name="rows")
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:

@@ -20,7 +20,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.program.program import Instruction, Program
 
-ZERO = Instruction("constant")
+ZERO_CONSTANT = Instruction("constant")
 
 MANY_ZEROS = 32
 """Number of zero results from which they are cleared in a loop: many stores take compilers long."""
@@ -28,7 +28,7 @@ MANY_ZEROS = 32
 
 def cleared_outputs(program: Program) -> frozenset[int]:
     """Return the indices of outputs that are zero by structure and cleared in a loop; none if they are few."""
-    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
+    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
     return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
 
 

@@ -9,7 +9,7 @@ from lagrange.algorithm.linear.ldl import factor_size
 from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
 
-WRITTEN_OUT = 20
+LARGEST_IN_SOURCE = 20
 """Largest matrix that is written out: compilers optimize such source text better than loops."""
 
 
@@ -27,11 +27,11 @@ class Prepared:
     saved: Mapping[int, int]
     slots: tuple[Mapping[int, int], ...]
     size: int
-    largest: int = WRITTEN_OUT
+    largest: int = LARGEST_IN_SOURCE
     """Largest matrix whose factors are stored as entries, if its elimination is written out."""
 
     @classmethod
-    def of(cls, programs: Sequence[Program], largest: int = WRITTEN_OUT) -> Prepared:
+    def of(cls, programs: Sequence[Program], largest: int = LARGEST_IN_SOURCE) -> Prepared:
         """Return the layout for programs with the same parameters."""
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}
@@ -62,12 +62,12 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
     return table
 
 
-def written_out(plan: Elimination, largest: int = WRITTEN_OUT) -> bool:
+def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
     """Return whether the operations of an elimination are written out one by one."""
     return plan.order <= largest or plan.written_out
 
 
-def width_of(program: Program, ref: int, largest: int = WRITTEN_OUT) -> int:
+def width_of(program: Program, ref: int, largest: int = LARGEST_IN_SOURCE) -> int:
     """Return the number of doubles that a result takes in the prepared array."""
     one = program.instructions[ref]
     if one.op == "factor":

@@ -6,15 +6,13 @@ inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2
 
 from __future__ import annotations
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import procedure
 from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
-LANES = 8
-"""Number of doubles in the widest vectors of processors."""
 
-
-@procedure(a=lambda: Array(room=LANES), row=lambda: Array(room=LANES))
+@procedure(a=lambda: Array(room=WIDEST_VECTOR), row=lambda: Array(room=WIDEST_VECTOR))
 def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
     """Invert the matrix of each column, and write its rows after those of the matrix; `row` takes a number a column.
 
@@ -27,30 +25,30 @@ def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
     for r in range(order):
         for c in range(order):
             target, diagonal = entry(r, c + order), 1.0 if r == c else 0.0
-            for b in each(columns, width=LANES, spill=True):
+            for b in each(columns, width=WIDEST_VECTOR, spill=True):
                 target[b] = diagonal
     for k in range(order):
         pivot = entry(k, k)
         for r in range(k + 1, order):
             below = entry(r, k)
-            for b in each(columns, width=LANES, spill=True):
+            for b in each(columns, width=WIDEST_VECTOR, spill=True):
                 lower_size, upper_size = abs(below[b]), abs(pivot[b])
                 row[b] = 1.0 if lower_size > upper_size else 0.0
             for c in range(k, order * 2):
                 upper, lower = entry(k, c), entry(r, c)
-                for b in each(columns, width=LANES, spill=True, disjoint=True):
+                for b in each(columns, width=WIDEST_VECTOR, spill=True, disjoint=True):
                     exchanged, x, y = row[b] > 0.5, upper[b], lower[b]
                     upper[b], lower[b] = y if exchanged else x, x if exchanged else y
-        for b in each(columns, width=LANES, spill=True):
+        for b in each(columns, width=WIDEST_VECTOR, spill=True):
             row[b] = 1.0 / pivot[b]
         for c in range(k + 1, order * 2):
             mine = entry(k, c)
-            for b in each(columns, width=LANES, spill=True):
+            for b in each(columns, width=WIDEST_VECTOR, spill=True):
                 mine[b] = mine[b] * row[b]
         for r in range(order):
             if r != k:
                 factor = entry(r, k)
                 for c in range(k + 1, order * 2):
                     mine, other = entry(k, c), entry(r, c)
-                    for b in each(columns, width=LANES, spill=True, disjoint=True):
+                    for b in each(columns, width=WIDEST_VECTOR, spill=True, disjoint=True):
                         other[b] = fma(-factor[b], mine[b], other[b])

@@ -15,7 +15,7 @@ from lagrange.procedure.form import PARTIAL, Array, Procedure
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, Readable, Writable, each, fma, unrolled, wholes
 
-WRITTEN_OUT = 16
+UNROLLED_ORDER = 16
 """Largest order for which the loops over a row, and the search for a pivot, are written out."""
 
 
@@ -35,7 +35,7 @@ def inversion(n: int) -> Procedure:
 )
 def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
     """Replace a matrix by its inverse, and return whether it is singular."""
-    stride, short = row_stride(n), n <= WRITTEN_OUT
+    stride, short = row_stride(n), n <= UNROLLED_ORDER
     units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
     chosen = wholes(n)
     measure(n, a, units, columns)
@@ -70,7 +70,7 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
     for j in each(n, spill=True):
         columns[j] = 1.0
     measure_rows(n, a, units, columns)
-    for j in each(n, unrolled=n <= WRITTEN_OUT, spill=True, disjoint=True):
+    for j in each(n, unrolled=n <= UNROLLED_ORDER, spill=True, disjoint=True):
         largest = 0.0
         for i in range(n):
             size = abs(a[i * stride :][j]) * units[i]
@@ -84,7 +84,7 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
     """Write the reciprocal size of each row after the columns are scaled."""
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
-        for j in each(n, unrolled=n <= WRITTEN_OUT):
+        for j in each(n, unrolled=n <= UNROLLED_ORDER):
             largest = max(largest, abs(row[j]) * columns[j])
         units[i] = 1.0 / largest
 
@@ -93,7 +93,7 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
     """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
     stride = row_stride(n)
-    if n > WRITTEN_OUT:
+    if n > UNROLLED_ORDER:
         best, row = -1.0, k
         for i in range(k, n):
             size = abs(a[i * stride :][k]) * units[i]
@@ -135,7 +135,7 @@ def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> No
 
     Whole blocks are stored, including the entry of column k: a single store would delay the next load of its block.
     """
-    stride, short = row_stride(n), n <= WRITTEN_OUT
+    stride, short = row_stride(n), n <= UNROLLED_ORDER
     here = a[k * stride :]
     reciprocal = 1.0 / here[k]
     for j in each(n, unrolled=short, spill=True):

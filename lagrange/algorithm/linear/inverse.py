@@ -7,18 +7,16 @@ L D (L^T X) = I for all columns at once. If a pivot cannot be trusted, the matri
 
 from __future__ import annotations
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.ldl import factor_size, invert_dense, is_trusted
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quotient
 
-WIDTH = 8
-
 
 def padded(n: int) -> int:
     """Return the distance between columns."""
-    return whole_blocks(n, WIDTH)
+    return whole_blocks(n, WIDEST_VECTOR)
 
 
 def work_size(n: int) -> int:
@@ -29,10 +27,10 @@ def work_size(n: int) -> int:
 @inline
 def aligned(k: int) -> int:
     """Return the index at which the vector begins that contains an index."""
-    return quotient(k, WIDTH) * WIDTH
+    return quotient(k, WIDEST_VECTOR) * WIDEST_VECTOR
 
 
-@procedure(lower=lambda: Array(room=WIDTH))
+@procedure(lower=lambda: Array(room=WIDEST_VECTOR))
 def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
     """Turn columns `lower` into L below the diagonal, write 1/d to `d`, and return whether every pivot is trusted."""
     trusted = True
@@ -46,54 +44,54 @@ def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
         for k in range(j + 1, n):
             factor, first = -(column[k] * reciprocal), aligned(k)
             source, target = column[first:], lower[k * stride + first :]
-            for i in each(n - first, width=WIDTH, spill=True, disjoint=True):
+            for i in each(n - first, width=WIDEST_VECTOR, spill=True, disjoint=True):
                 target[i] = fma(factor, source[i], target[i])
         first = aligned(j + 1)
         rest = column[first:]
-        for i in each(n - first, width=WIDTH, spill=True):
+        for i in each(n - first, width=WIDEST_VECTOR, spill=True):
             rest[i] = rest[i] * reciprocal
     return trusted
 
 
-@procedure(lower=lambda: Array(read=True, room=WIDTH), x=lambda: Array(room=WIDTH))
+@procedure(lower=lambda: Array(read=True, room=WIDEST_VECTOR), x=lambda: Array(room=WIDEST_VECTOR))
 def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
     """Solve L D L^T X = I. `x` begins as the identity; its rows are also its columns, as it is symmetric."""
     for i in range(n):
         row = x[i * stride :]
         # Row j of the inverse of L ends at column j, and so do its contributions.
-        for block in range(0, i + 1, WIDTH):
+        for block in range(0, i + 1, WIDEST_VECTOR):
             part, above = row[block:], x[block:]
-            for c in each(WIDTH, width=WIDTH, disjoint=True):
+            for c in each(WIDEST_VECTOR, width=WIDEST_VECTOR, disjoint=True):
                 total = part[c]
                 for j in range(block, i):
                     total = fma(-lower[j * stride + i], above[j * stride :][c], total)
                 part[c] = total
     for i in range(n):
         row, scale = x[i * stride :], d[i]
-        for c in each(n, width=WIDTH, spill=True):
+        for c in each(n, width=WIDEST_VECTOR, spill=True):
             row[c] = row[c] * scale
     for back in range(n):
         i = n - 1 - back
         row, column = x[i * stride :], lower[i * stride :]
-        for c in each(n, width=WIDTH, spill=True, disjoint=True):
+        for c in each(n, width=WIDEST_VECTOR, spill=True, disjoint=True):
             total = row[c]
             for j in range(i + 1, n):
                 total = fma(-column[j], x[j * stride :][c], total)
             row[c] = total
 
 
-@procedure(out=lambda: Array(room=WIDTH), work=lambda: Array(room=WIDTH))
+@procedure(out=lambda: Array(room=WIDEST_VECTOR), work=lambda: Array(room=WIDEST_VECTOR))
 def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
     """Write the inverse to `out`, and return whether the matrix is singular to round-off."""
     square = stride * stride
     reciprocals = work[square:]
-    for i in each(square, width=WIDTH, spill=True):
+    for i in each(square, width=WIDEST_VECTOR, spill=True):
         out[i] = 0.0
     for j in range(n):
         out[j * stride + j] = 1.0
         first = aligned(j)
         column = work[j * stride + first :]
-        for i in each(stride - first, width=WIDTH, spill=True):
+        for i in each(stride - first, width=WIDEST_VECTOR, spill=True):
             column[i] = 0.0
         for i in range(j, n):
             work[j * stride + i] = a[j * n + i]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.linear.pivoted import PIVOT, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import inline, procedure
@@ -25,10 +26,6 @@ PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
 
 Elimination then loses three digits at most. For definite matrices it loses none with any pivot.
 """
-
-
-COLUMNS_AT_ONCE = 8
-"""Number of right-hand sides that are solved at once: the widest vectors of doubles that processors have."""
 
 
 RESIDUAL = 2.0**-40
@@ -110,11 +107,11 @@ def solve_factored(n: int, factors: In, b: Out) -> None:
         b[j] = total
 
 
-@procedure(b=lambda: Array(room=COLUMNS_AT_ONCE))
+@procedure(b=lambda: Array(room=WIDEST_VECTOR))
 def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
     """Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals.
 
-    `columns` is a multiple of `COLUMNS_AT_ONCE`. The operations on each column are those of `solve_factored`.
+    `columns` is a multiple of `WIDEST_VECTOR`. The operations on each column are those of `solve_factored`.
     """
     reciprocals, lower = factors[1:], factors[2 * n + 1 :]
     # Factors with pivoting are rare, so their columns are solved one after the other.
@@ -130,12 +127,12 @@ def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None
         source, column = b[j * columns :], lower[j * n :]
         for i in range(j + 1, n):
             target, entry = b[i * columns :], -column[i]
-            for c in each(columns, width=COLUMNS_AT_ONCE, spill=True, disjoint=True):
+            for c in each(columns, width=WIDEST_VECTOR, spill=True, disjoint=True):
                 target[c] = fma(source[c], entry, target[c])
     for back in range(n):
         j = n - 1 - back
         target, column, reciprocal = b[j * columns :], lower[j * n :], reciprocals[j]
-        for c in each(columns, width=COLUMNS_AT_ONCE, spill=True, disjoint=True):
+        for c in each(columns, width=WIDEST_VECTOR, spill=True, disjoint=True):
             total = target[c] * reciprocal
             for i in range(j + 1, n):
                 total = fma(b[i * columns :][c], -column[i], total)

@@ -25,7 +25,7 @@ from lagrange.procedure.rewrite import bound
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
-POINTS = 9
+SAMPLE_POINTS = 9
 """Number of sample points on a step.
 
 The radius of a Taylor series is e**2 times its step: the rule then has an error of 1e-22 of the expression's variation,
@@ -35,7 +35,7 @@ and of 1e-11 if the radius is only twice the step.
 RISE = 2.0**-50
 """A maximum is searched for if it may exceed the largest value so far by more than this fraction (round-off)."""
 
-NEAR_END = 2.0**-20
+END_SLOPE_AT = 2.0**-20
 """Fraction of the step at which the slope of an expression at an end of the step is tested."""
 
 SIGNS = {"max": 1.0, "min": -1.0}
@@ -45,12 +45,12 @@ SIGNS = {"max": 1.0, "min": -1.0}
 @shared
 def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of Gauss-Lobatto's rule on [0, 1] and their weights, symmetric to the last bit."""
-    highest = Legendre.basis(POINTS - 1)
+    highest = Legendre.basis(SAMPLE_POINTS - 1)
     slope = highest.deriv()
     x = np.sort(slope.roots().real)
     x = x - slope(x) / slope.deriv()(x)
     x = np.concatenate([[-1.0], (x - x[::-1]) / 2.0, [1.0]])
-    weights = 2.0 / (POINTS * (POINTS - 1) * highest(x) ** 2)
+    weights = 2.0 / (SAMPLE_POINTS * (SAMPLE_POINTS - 1) * highest(x) ** 2)
     return (1.0 + x) / 2.0, (weights + weights[::-1]) / 4.0
 
 
@@ -158,23 +158,23 @@ def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
     y, now, found = (p.array(name, read=True) for name in ("y", "now", "found"))
     degree, ahead, tried = p.given("degree", WHOLE), p.array("ahead"), p.array("tried")
     size = sampled.size
-    samples, state = p.reserve(POINTS * size, name="samples"), p.reserve(dimension, name="state")
+    samples, state = p.reserve(SAMPLE_POINTS * size, name="samples"), p.reserve(dimension, name="state")
     there = p.reserve(size, name="there")
-    with p.loop(1, POINTS - 1) as j:
+    with p.loop(1, SAMPLE_POINTS - 1) as j:
         p.call(path, points[j], ratio, memory, state, degree)
         singular = p.call(sampled.kernel, p.fma(h, points[j], t), state, numbers, there)
         for place in range(size):
-            samples[j + place * POINTS] = p.choose(singular, math.nan, there[place])
+            samples[j + place * SAMPLE_POINTS] = p.choose(singular, math.nan, there[place])
     singular = p.call(sampled.kernel, end, y, numbers, there)
     for place in range(size):
         ahead[place] = p.choose(singular, math.nan, there[place])
-        samples[place * POINTS], samples[place * POINTS + POINTS - 1] = now[place], ahead[place]
+        samples[place * SAMPLE_POINTS], samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = now[place], ahead[place]
     if any(how in SIGNS for how, _ in sampled.reductions):
         search = raised(sampled, path, dimension)
     for k, (how, place) in enumerate(sampled.reductions):
-        own = samples.at(place * POINTS)
+        own = samples.at(place * SAMPLE_POINTS)
         if how == "mean":
-            tried[k] = h * _integral(p, own, points.at(POINTS))
+            tried[k] = h * _integral(p, own, points.at(SAMPLE_POINTS))
         else:
             tried[k] = p.call(search, SIGNS[how], found[k], own, points, t, h, ratio, place, memory, numbers, degree)
     return p.finish()
@@ -183,7 +183,7 @@ def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
 def _integral(p: Builder, samples: Memory, weights: Memory) -> Real:
     """Return the integral of values at the points, divided by the length of the step."""
     total = samples[0] * weights[0]
-    for j in range(1, POINTS):
+    for j in range(1, SAMPLE_POINTS):
         total = p.fma(samples[j], weights[j], total)
     return p.real(total)
 
@@ -214,13 +214,13 @@ class _Raised:
 
     def build(self) -> Procedure:
         p, sign, best = self.p, self.sign, self.best
-        with p.loop(0, POINTS) as j:
+        with p.loop(0, SAMPLE_POINTS) as j:
             found = self.samples[j] * sign
             best.value = p.choose(found > best.value, found, best.value)
-        with p.loop(1, POINTS - 1) as j:
+        with p.loop(1, SAMPLE_POINTS - 1) as j:
             a, b, c = (self.samples[j + k] * sign for k in (-1, 0, 1))
             inner = (b >= a) & (b >= c)
-            first, last = j.equals(1) & (a > b), j.equals(POINTS - 2) & (c > b)
+            first, last = j.equals(1) & (a > b), j.equals(SAMPLE_POINTS - 2) & (c > b)
             bound_ = self.bound(j, a, b, c)
             with p.when((inner | first | last) & (bound_ - best.value > RISE * abs(best.value)), likely=False):
                 self.bracket(j, inner, first)
@@ -246,7 +246,7 @@ class _Raised:
         for k, place in enumerate((begin, j, end)):
             self.places[k][0], self.values[k][0] = self.points[place], self.samples[place]
         with p.when(~inner):
-            self.places[1][0] = p.choose(first, NEAR_END, p.constant(1.0 - NEAR_END, REAL))
+            self.places[1][0] = p.choose(first, END_SLOPE_AT, p.constant(1.0 - END_SLOPE_AT, REAL))
             p.call(self.value, 1, self.places[1], self.values[1], *self.along)
         middle = self.values[1][0] * sign
         with p.when((middle >= self.values[0][0] * sign) & (middle >= self.values[2][0] * sign)):

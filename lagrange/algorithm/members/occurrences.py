@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.taylor.memory import BLOCK, SIZES, TaylorLayout
+from lagrange.algorithm.taylor.memory import SIZES, TaylorLayout
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, WATCH, due_part, scratch_sizes
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
@@ -20,7 +21,7 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 ENDED_BY_EVENT = len(Outcome)
 """Code in addition to the outcomes: an event ended the member."""
 
-ROOM = 2 * MOST_ZEROS
+MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 """Number of events that can be stored until they are copied, which is done after each step."""
 
 
@@ -85,12 +86,12 @@ class Occurrences(FirstOccurrences):
         self.record: Any = p.reserve_record(WATCH)
         self.sides = p.reserve(2 * SIDES * count, WHOLE, name="sides")
         self.times, self.states = (
-            p.reserve(ROOM, name="event_times"),
-            p.reserve(ROOM * n, room=BLOCK, name="event_states"),
+            p.reserve(MEMBER_EVENT_ROOM, name="event_times"),
+            p.reserve(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR, name="event_states"),
         )
-        self.places = p.reserve(ROOM, WHOLE, name="event_places")
+        self.places = p.reserve(MEMBER_EVENT_ROOM, WHOLE, name="event_places")
         self.unused = p.reserve(1, WHOLE, name="unused")
-        self.scratch = p.reserve(reals, room=BLOCK, name="scratch")
+        self.scratch = p.reserve(reals, room=WIDEST_VECTOR, name="scratch")
         self.whole_scratch = p.reserve(wholes, WHOLE, name="whole_scratch")
         self.reserve_counts()
         self.taken = p.variable(0, "taken")
@@ -109,7 +110,7 @@ class Occurrences(FirstOccurrences):
         for name, kind in WATCH.fields:
             setattr(record, name, 0.0 if kind is REAL else 0)
         record.enabled = record.fresh = taylor.inspect = 1
-        record.changing, record.room = int(events.changing), ROOM
+        record.changing, record.room = int(events.changing), MEMBER_EVENT_ROOM
         record.hides_growth, record.steep = int(events.hides_growth), int(events.steep)
         record.changed = -math.inf
         with p.each(2 * SIDES * events.count, width=1) as i:

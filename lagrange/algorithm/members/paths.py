@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from lagrange.algorithm.dense.block import LANES, StepPolynomial, block_size, steps_in
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import powers_of, series_sum
 from lagrange.procedure.builder import Builder
@@ -98,10 +99,10 @@ class StepCoefficients:
         kind = dense.kind
         self.p, self.kind, self.dimension = p, kind, dimension
         self.path = StepPath.of(kind, dense.column, dimension, "path_")
-        self.own = p.reserve(block_size(dimension, 1), room=LANES, name="own")
+        self.own = p.reserve(block_size(dimension, 1), room=WIDEST_VECTOR, name="own")
         self.step = Tracer(p, ()).call(steps_in, self.own, p.whole(dimension), p.whole(1))
-        self.work = p.reserve(kind.size(dimension, 1), room=LANES, name="path_work")
-        self.c = p.reserve((kind.degree + 1) * dimension, room=LANES, name="c")
+        self.work = p.reserve(kind.size(dimension, 1), room=WIDEST_VECTOR, name="path_work")
+        self.c = p.reserve((kind.degree + 1) * dimension, room=WIDEST_VECTOR, name="c")
 
     def find(self, table: Memory, numbers: Memory) -> None:
         """Write the polynomial of the step, from the numbers of the method and those of the law."""

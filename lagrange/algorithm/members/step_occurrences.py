@@ -18,7 +18,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
-ROOM = MOST_ZEROS + 1
+ZERO_ROOM = MOST_ZEROS + 1
 """Number of zeros that can be stored until they are copied, which is done after each step."""
 
 Numbers = tuple[Memory, Memory]
@@ -45,10 +45,13 @@ class StepOccurrences(FirstOccurrences):
         self.record: Any = p.reserve_record(REVIEW)
         names = ("sign", "near", "remaining", "came")
         self.wholes = {name: p.reserve(count, WHOLE, name=name) for name in names}
-        self.wholes |= {"which": p.reserve(ROOM + 1, WHOLE, name="which")}
+        self.wholes |= {"which": p.reserve(ZERO_ROOM + 1, WHOLE, name="which")}
         self.wholes |= {"noted": p.reserve(4 * count, WHOLE, name="noted")}
         self.reals = {name: p.reserve(count, name=name) for name in ("stayed", "levels")}
-        self.reals |= {"when": p.reserve(ROOM + 1, name="when"), "there": p.reserve((ROOM + 1) * n, name="zeros")}
+        self.reals |= {
+            "when": p.reserve(ZERO_ROOM + 1, name="when"),
+            "there": p.reserve((ZERO_ROOM + 1) * n, name="zeros"),
+        }
         self.there = p.reserve(n, name="there")
         self.time, self.part = p.variable(0.0, "time"), p.variable(1.0, "part")
         self.review = review_step.form(functions=Functions(dense, self.events, n))
@@ -58,7 +61,7 @@ class StepOccurrences(FirstOccurrences):
         self.forget()
         for name, kind in REVIEW.fields:
             setattr(self.record, name, 0.0 if kind is REAL else 0)
-        self.record.end, self.record.room = 1, ROOM
+        self.record.end, self.record.room = 1, ZERO_ROOM
         for e in range(self.events.count):
             self.wholes["sign"][e] = self.wholes["near"][e] = 0
             self.wholes["remaining"][e], self.wholes["came"][e] = self.terminal[e], ANYHOW

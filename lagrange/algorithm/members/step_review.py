@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.dense.block import LANES
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
 from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
@@ -88,15 +88,15 @@ class StepSamples(Samples):
         lines.t_end[0] = self.end
 
 
-@procedure(watch=lambda: Bundle(Watch, {}), own=lambda: Array(room=LANES))
+@procedure(watch=lambda: Bundle(Watch, {}), own=lambda: Array(room=WIDEST_VECTOR))
 def review_step(
     watch: Watch, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: Functions
 ) -> int:
     """Find the zeros of events on a step, and say why that ended; see `review`."""
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
-    work = reals(max(path.size, cubic.size), room=LANES)
-    c, memory = reals((max(degree, 3) + 1) * n, room=LANES), reals(work_size(n, events, 1), room=LANES)
+    work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)
+    c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)
     paths = path.write, given, degree, 0, functions.events.screened, cubic.write, given, functions.law, numbers
     watched = functions.kernel, numbers, n, events, factors, memory
     arguments: Any = *paths, own, own, work, c, *watched, None, None, 0, end

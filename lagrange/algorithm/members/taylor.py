@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.members.along import Along, Sampled, Step
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, Events, Occurrences
 from lagrange.algorithm.members.paths import series_path
 from lagrange.algorithm.members.queue import Members, Numbers, Observed
 from lagrange.algorithm.taylor.loop import begin_run, iteration
-from lagrange.algorithm.taylor.memory import BLOCK, HELD, OUTPUTS, TAYLOR, TaylorLayout
+from lagrange.algorithm.taylor.memory import HELD, OUTPUTS, TAYLOR, TaylorLayout
 from lagrange.algorithm.taylor.step_size import logarithm
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.building import Tracer
@@ -35,7 +36,7 @@ class TaylorMembers(Members):
         super().__init__(layout.dimension, numbers, observed)
         p = self.p
         self.layout, self.order, self.jet = layout, order, jet
-        self.work = p.reserve(layout.size(order), room=BLOCK, name="work")
+        self.work = p.reserve(layout.size(order), room=WIDEST_VECTOR, name="work")
         self.taylor: Any = p.reserve_record(TAYLOR)
         self.before: Any = p.reserve_record(HELD)
         self.written: Any = p.reserve_record(OUTPUTS)

@@ -44,7 +44,7 @@ def best_order(cost: Cost, tolerance: float) -> int:
     return min(p for p, price in prices.items() if price <= COST_MARGIN * min(prices.values()))
 
 
-MOST_OPERATIONS = 4000
+LARGEST_WRITTEN_OUT = 4000
 """Largest number of vector operations of a series that is printed without loops. A larger one does not fit the
 processor's cache, and takes more than a third of a second to compile."""
 
@@ -103,7 +103,7 @@ def single_operations(packing: Packing, order: int) -> int:
 
 def is_large(packing: Packing, order: int) -> bool:
     """Return True if a series is cheaper in loops than printed without them."""
-    return operations(packing, order) > MOST_OPERATIONS
+    return operations(packing, order) > LARGEST_WRITTEN_OUT
 
 
 def chunks(packing: Packing) -> int:

@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import starts_on_constraints
 from lagrange.algorithm.series.cost import cheapest_order, single_operations
@@ -23,9 +24,9 @@ from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.algorithm.step.run import COUNTS, RUN
-from lagrange.algorithm.taylor.constants import LEAST_MARGIN, MARGIN, SMALLEST_RTOL, TIGHT_RTOL
+from lagrange.algorithm.taylor.constants import LEAST_MARGIN, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.algorithm.taylor.loop import taylor_steps
-from lagrange.algorithm.taylor.memory import BLOCK, HELD, OUTPUTS, TAYLOR, TaylorLayout
+from lagrange.algorithm.taylor.memory import HELD, OUTPUTS, TAYLOR, TaylorLayout
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
@@ -33,16 +34,14 @@ from lagrange.procedure.rewrite import bound
 from lagrange.procedure.values import Real, Whole
 from lagrange.program.series import SeriesProgram
 
-LANES = 8
-"""Width of the vectors of like values: constant, so that the text is the same for every processor."""
-
 MOST_WRITTEN_OUT = 5000
 """Largest number of operations of a series that is printed without a loop up to its highest order. A double pendulum
 has 2,700, 130 kB of C, which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more, the
 values do not fit into registers: the outer solar system would take 2.5 times as long."""
 
-DIGITS, GRID = 53, 1060
-"""Orders are compared at `GRID` + 1 tolerances from 1 to 2**-`DIGITS`, so that each order holds for several of them."""
+ORDER_BITS, ORDER_GRID = 53, 1060
+"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`, so that each order holds for several
+of them."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class TaylorProcedures:
     @cached_property
     def packing(self) -> Packing:
         """The packed series from which orders are chosen."""
-        return pack(self.program, LANES)
+        return pack(self.program, WIDEST_VECTOR)
 
     @cached_property
     def single(self) -> Packing:
@@ -84,7 +83,7 @@ class TaylorProcedures:
     @cached_property
     def aligned(self) -> Packing:
         """The series in which values that are read together are adjacent, for a loop over orders."""
-        return pack(self.program, LANES, aligned=True)
+        return pack(self.program, WIDEST_VECTOR, aligned=True)
 
     @cached_property
     def numbers(self) -> SeriesNumbers:
@@ -94,7 +93,7 @@ class TaylorProcedures:
     @cached_property
     def orders(self) -> list[tuple[float, int]]:
         """The order of the largest tolerances, and every change: the tolerance below which an order holds."""
-        exponents = [-k * DIGITS / GRID for k in range(GRID + 1)]
+        exponents = [-k * ORDER_BITS / ORDER_GRID for k in range(ORDER_GRID + 1)]
         found = [(math.inf, self.order(1.0))]
         for above, below in pairwise(exponents):
             low, high = 2.0**below, 2.0**above
@@ -153,10 +152,10 @@ class TaylorProcedures:
             start = starts_on_constraints.form(dimension=n, relations=self.relations)
             near = bound(start, {"corrections": self.projection}, prefix="start_" if self.relations else "taylor_")
             p.leave_if(~p.call(near, prepared, time[0], y), Outcome.UNPROJECTED)
-        work = p.reserve(layout.size(self.highest), room=BLOCK, name="work")
+        work = p.reserve(layout.size(self.highest), room=WIDEST_VECTOR, name="work")
         asked = p.choose(rtol < SMALLEST_RTOL, SMALLEST_RTOL, rtol).called("asked")
         order = self.chosen(p, asked)
-        margin = p.choose(asked >= TIGHT_RTOL, p.real(MARGIN), LEAST_MARGIN).called("margin")
+        margin = p.choose(asked >= TIGHT_RTOL, p.real(STEP_MARGIN), LEAST_MARGIN).called("margin")
         run, counts = self.begin_run(p, time[0], t_end, margin * asked)
         taylor, held, outputs = (p.reserve_record(one) for one in (TAYLOR, HELD, OUTPUTS))
         floors, floor = p.reserve(n, name="floors"), p.larger(margin * atol, LEAST_FLOOR)

@@ -14,17 +14,18 @@ from contextlib import contextmanager
 from functools import reduce
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Operand, Packing
 from lagrange.algorithm.series.rules import Term
 from lagrange.algorithm.series.systems import System, moving_system, system_size
 from lagrange.algorithm.series.vectors import joined
-from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout
+from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
 from lagrange.procedure.values import Flag, Memory, Real, Whole
-from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.series import SeriesProgram
 
 NAME = "taylor_jet"
@@ -41,7 +42,7 @@ class Jet:
     """
 
     def __init__(
-        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
     ) -> None:
         self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
         self.program: SeriesProgram = packing.program
@@ -49,7 +50,7 @@ class Jet:
         self.t, self.scale = p.given("t", REAL), p.given("scale", REAL)
         self.y, self.prepared = p.array("y", read=True), p.array("prepared", read=True)
         p.array("constants", read=True)
-        self.rows = p.array("rows", room=BLOCK)
+        self.rows = p.array("rows", room=WIDEST_VECTOR)
         self.order: Whole = p.given("order", WHOLE)
         self.constants: list[Real] = []
         self.origin: dict[int, Any] = {}
@@ -101,7 +102,7 @@ class LoopJet(Jet):
     """A series whose orders are computed in a loop: the numbers that depend on the order k alone."""
 
     def __init__(
-        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
     ) -> None:
         super().__init__(packing, numbers, layout, largest)
         self.k: Whole = self.order

@@ -85,7 +85,7 @@ class SeriesNumbers:
 
         `table` are the constants, and `inverses` the constant matrices (n, n) inverted.
         """
-        prepared = np.zeros(self.begin + self.size + ROOM)
+        prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
         own = prepared[self.begin :]
         for place, k in self.places.items():
@@ -133,7 +133,7 @@ class SeriesNumbers:
                 begin += constant_size(stage.plan)
 
 
-ROOM = 8
+INVERSE_MARGIN = 8
 """Number of vectors that may be read beyond the end of a constant inverse."""
 
 ALONE = Style(substituted=1_000_000, systems=1, early=False)

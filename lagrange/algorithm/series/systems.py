@@ -18,7 +18,7 @@ from lagrange.algorithm.series.vectors import entries, joined, put, wide
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Flag, Memory, Real
-from lagrange.program.elimination import WRITTEN_OUT, Elimination, block_eliminations, elimination, is_factored
+from lagrange.program.elimination import LARGEST_IN_LINE, Elimination, block_eliminations, elimination, is_factored
 
 Triangle = dict[tuple[int, int], Real]
 
@@ -37,14 +37,14 @@ class System(Protocol):
         """Return the solution by rows, for a right-hand side by rows."""
 
 
-MOST_COLUMNS = 32
+MOST_INVERSE_COLUMNS = 32
 """Largest order of an inverse in memory whose product with a vector is written out."""
 
 ALL = 1_000_000
 """Limit on the size of inverses that are written out if all are, sparse ones too."""
 
 
-def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
+def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
     """Return the number of doubles that a moving matrix takes in memory; inverses up to `largest` are written out."""
     if not plan.inverted or largest == ALL:
         return 0
@@ -55,7 +55,7 @@ def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
 
 
 def moving_system(
-    p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = WRITTEN_OUT
+    p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
 ) -> tuple[System, list[Flag]]:
     """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
     blocks = _triangles(plan, entries)
@@ -102,7 +102,7 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
     n = plan.size
     if plan.diagonal:
         return Diagonal(p, {i: memory[i] for i in range(n)})
-    if max(map(len, plan.blocks)) > WRITTEN_OUT:
+    if max(map(len, plan.blocks)) > LARGEST_IN_LINE:
         return InverseInMemory(p, n, memory, n)
     return Inverse(p, n, {(i, j): memory[j * n + i] for block in plan.blocks for i in block for j in block})
 
@@ -190,7 +190,7 @@ class InverseInMemory:
             return [found[i] for i in range(n)]
         for chunk, x in zip(rows, right, strict=True):
             put(p, given, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
-        products = self.in_loop(rows, given) if n > MOST_COLUMNS else self.in_line(rows, given)
+        products = self.in_loop(rows, given) if n > MOST_INVERSE_COLUMNS else self.in_line(rows, given)
         return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
 
     def in_line(self, rows: Rows, right: Memory) -> list[Term]:

@@ -9,7 +9,7 @@ from lagrange.algorithm.series.rules import Term
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Entries, Memory, Real
 
-LARGEST_BLOCK = 8
+LARGEST_STORED_BLOCK = 8
 """Largest block by which incomplete vectors are stored: blocks are powers of two, the largest first."""
 
 
@@ -63,7 +63,7 @@ def entries(memory: Memory, place: int, size: int) -> Term:
 def put(p: Builder, memory: Memory, place: int, x: Term, size: int, count: int) -> None:
     """Write the first `count` entries of a value of `size` entries, and nothing else."""
     whole: Term = wide(p, x, size)
-    lane, part = 0, LARGEST_BLOCK
+    lane, part = 0, LARGEST_STORED_BLOCK
     while lane < count:
         while part > count - lane:
             part //= 2

@@ -16,9 +16,9 @@ from lagrange.algorithm.series.vectors import gathered, of_width, put, width
 from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.form import FLAG, Procedure
-from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.elimination import LARGEST_IN_LINE
 
-EXACT = 10
+HIGHEST_EXACT_ORDER = 10
 """Up to this order a division by the order is rounded once.
 
 A later coefficient contributes so little to a step that the bias of its rounding is negligible.
@@ -54,7 +54,7 @@ class WrittenJet(Jet):
         lowest: int = LOWEST_ORDER,
         layout: TaylorLayout | None = None,
     ) -> None:
-        largest = ALL if packing.lanes > 1 else WRITTEN_OUT
+        largest = ALL if packing.lanes > 1 else LARGEST_IN_LINE
         super().__init__(packing, numbers, layout or written_layout(packing), largest)
         self.lowest, self.highest, self.k = lowest, highest, 0
         self.x: dict[tuple[Chunk, int], Term] = {}
@@ -162,7 +162,7 @@ class WrittenJet(Jet):
         if x is None:
             return None
         high, low = reciprocal(self.k)
-        small = self.scaled(low, width(x)) if low and self.k <= EXACT else None
+        small = self.scaled(low, width(x)) if low and self.k <= HIGHEST_EXACT_ORDER else None
         return divided(self, x, self.scaled(high, width(x)), small)
 
     def scaled(self, factor: float, lanes: int) -> Term:
@@ -181,7 +181,7 @@ class WrittenJet(Jet):
     def part(self, x: Term) -> Term:
         """Return x / k; see `At`."""
         high, low = reciprocal(self.k)
-        return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= EXACT else None)
+        return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
 
 class _WrittenAt(ChunkAt):

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-NEAR_END = 1.01
+STRETCH_TO_END = 1.01
 """Stretch a step to the end of the run when it reaches within one percent of it."""
 
 SPACING, EARLIEST = 16 * 2.0**-52, 1e-290

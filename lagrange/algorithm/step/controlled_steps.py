@@ -15,11 +15,11 @@ from lagrange.algorithm.step.constants import (
     LARGEST_RETRY,
     LEAST_NORM,
     LEAST_PREVIOUS,
-    NEAR_END,
     PI_SHARE,
     ROUNDED_START,
     SHORTENINGS,
     SPACING,
+    STRETCH_TO_END,
 )
 from lagrange.algorithm.step.equal_steps import discard_history, equal_steps, is_finite, kept_entries
 from lagrange.algorithm.step.error_norm import error_norm, raise_floors, reject
@@ -62,7 +62,7 @@ def controlled_steps(
         h = direction * smaller(abs(run.h), run.longest)
         if t == end:
             return Outcome.DONE
-        is_last = abs(h) * NEAR_END >= abs(end - t)
+        is_last = abs(h) * STRETCH_TO_END >= abs(end - t)
         is_small = not abs(h) >= larger(abs(t), EARLIEST) * SPACING
         is_retry = counts.after_reject != 0
         if is_small and (not is_last or is_retry):

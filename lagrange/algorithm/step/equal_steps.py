@@ -10,7 +10,7 @@ from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_a
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, fma, reals, unrolled
 
-WRITTEN_OUT = 2
+UNROLLED_TEST = 2
 """The test for finite entries is written out for vectors of up to this many blocks."""
 
 
@@ -99,6 +99,6 @@ def is_finite(given: Running, layout: Layout, *, errors: bool) -> bool:
     """
     new, total = given.work[layout.place(layout.new) :], 0.0
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)
-    for i in each(vectors * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block):
+    for i in each(vectors * layout.width, unrolled=layout.width <= UNROLLED_TEST * layout.block):
         total = fma(new[i], 0.0, total)
     return total == 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-MARGIN = 0.1
+STEP_MARGIN = 0.1
 """Fraction of the tolerance at which steps aim: errors add up along a run."""
 
 TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01

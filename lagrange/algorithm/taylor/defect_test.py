@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.step.run import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.constants import DEFECT, DEFECT_NOISE, EVENT_SLACK, MOST_FAILURES, PROBES, RETRY_FRACTION
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (
-    BLOCK,
     JET,
     Held,
     OutputCounts,
@@ -142,13 +142,13 @@ def defect_along_step(
     return True
 
 
-MOST_HALVINGS = 60
+VERIFIED_HALVINGS = 60
 """Largest number of halvings of a step until the series agree."""
 
 
 def state_type() -> Array:
     """Return the type of an array that is written in whole blocks."""
-    return Array(room=BLOCK)
+    return Array(room=WIDEST_VECTOR)
 
 
 @procedure(
@@ -184,7 +184,7 @@ def verified_step(
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
-    while again and halvings < MOST_HALVINGS:
+    while again and halvings < VERIFIED_HALVINGS:
         end = t + s * scale
         state_on_step(s, state, sizes, work, order)
         if function(end, state, numbers, there):

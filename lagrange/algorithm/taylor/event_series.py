@@ -12,13 +12,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, ROUND_OFF, SURELY
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOMIAL_NOISE, SURELY
 from lagrange.algorithm.events.halving import sign_of
 from lagrange.algorithm.events.polynomial import approach, inverse_cubic, pad
 from lagrange.algorithm.events.scaling import is_plain, is_plain_step
 from lagrange.algorithm.step.run import FUNCTION
 from lagrange.algorithm.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout, row, work_type
+from lagrange.algorithm.taylor.memory import TaylorLayout, row, work_type
 from lagrange.algorithm.taylor.watching import (
     NEAR,
     SIDES,
@@ -57,8 +58,8 @@ from lagrange.procedure.front.vocabulary import (
 @procedure(
     apart=True,
     function=lambda: FUNCTION,
-    noise=lambda: Array(room=BLOCK),
-    moved=lambda: Array(room=BLOCK),
+    noise=lambda: Array(room=WIDEST_VECTOR),
+    moved=lambda: Array(room=WIDEST_VECTOR),
 )
 def event_noise(
     function: Callable[..., bool],
@@ -163,7 +164,7 @@ def is_linear(start: float, end: float, sizes: float, rest: float, noise: float)
 
     Between the ends the linear part lies between its values there.
     """
-    least = fma(ROUND_OFF, sizes, rest + noise) * SURELY
+    least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
 
 
@@ -307,7 +308,7 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
     total = abs(start) + rate + rest
     if is_linear(side * start, side * (start + slope), total, rest, noise):
         return 0
-    doubt = noise + ROUND_OFF * total
+    doubt = noise + POLYNOMIAL_NOISE * total
     is_monotonic = 2.0 * rate > SURELY * (rate + rates)
     is_usual = is_plain_step(s, order + 1) and is_plain(total, noise)
     there = sign_of(end, doubt)

@@ -66,7 +66,7 @@ from lagrange.procedure.front.vocabulary import (
     unlikely,
 )
 
-MARGIN = 1 / 64
+SEARCH_MARGIN = 1 / 64
 """Least part of a step by which the search continues after the first zero that changes the motion."""
 
 
@@ -95,8 +95,8 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
     """Find the zeros of watched functions on a step of length s, in order; return their number, or -1 on failure.
 
     With `until`, only zeros up to the first one that surely changes the motion matter, and simultaneous ones. The
-    search then ends at twice the time of that zero, at least `MARGIN` of the step after it, where simultaneous zeros
-    are clearly passed. The terms are those on a step of length `whole`.
+    search then ends at twice the time of that zero, at least `SEARCH_MARGIN` of the step after it, where simultaneous
+    zeros are clearly passed. The terms are those on a step of length `whole`.
     """
     layout = layout_of(watched.sizes)
     before, came_near = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
@@ -116,7 +116,7 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
                     direction, at = zeros.directions[j], zeros.times[j]
                     resets = size > 0 and (counted == 0 or counted == direction)
                     changes = direction != 0 if i < surfaces else resets
-                    end = at + larger(at, MARGIN * s)
+                    end = at + larger(at, SEARCH_MARGIN * s)
                     far = end if changes and end < far else far
             count += more
     sort_zeros(count, zeros.times, (zeros.places, zeros.directions))

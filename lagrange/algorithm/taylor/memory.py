@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import FLAG, READ, REAL, WHOLE, Array, Callee
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, record
@@ -82,9 +82,6 @@ class OutputCounts:
 
 TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCounts)
 """The records in memory."""
-
-BLOCK = 8
-"""Largest number of entries that are computed together; the last block of a vector may be written as a whole."""
 
 
 @record
@@ -225,7 +222,7 @@ def layout_of(sizes: Sizes) -> Any:
 
 def work_type() -> Array:
     """Return the type of the work array."""
-    return Array(room=BLOCK)
+    return Array(room=WIDEST_VECTOR)
 
 
 def rows_type(layout: TaylorLayout) -> Array:

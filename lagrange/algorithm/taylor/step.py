@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import project
-from lagrange.algorithm.step.constants import EARLIEST, NEAR_END, SPACING
+from lagrange.algorithm.step.constants import EARLIEST, SPACING, STRETCH_TO_END
 from lagrange.algorithm.taylor.constants import (
     FIRST_SCALE_RATIO,
     LARGEST_SCALE_RATIO,
@@ -21,7 +22,7 @@ from lagrange.algorithm.taylor.constants import (
 from lagrange.algorithm.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.algorithm.taylor.event_series import doubtful_events
 from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, Step, inspect_step
-from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout, TaylorState
+from lagrange.algorithm.taylor.memory import TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import ends, logarithm, power, raise_floors
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
@@ -115,7 +116,7 @@ def length_of_step(
     bound = smaller(smaller(own, taylor.next_limit) * inverse, whole_way)
     spacing = larger(abs(t), EARLIEST) * SPACING
     natural, whole = power(exponent)
-    is_bounded = natural * NEAR_END >= bound
+    is_bounded = natural * STRETCH_TO_END >= bound
     final = is_bounded and bound == whole_way
     is_small = smaller(natural, own * inverse) < spacing * inverse and not final
     return bound if is_bounded else natural, whole, final, is_small
@@ -176,7 +177,7 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 @inline
 def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
     """Search the step for zeros; return DONE and its new length in units of the scale, or the reason not to take it."""
-    taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=BLOCK)
+    taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
     is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
     if unlikely(is_doubtful and taylor.next_limit == math.inf):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.taylor.memory import (
-    BLOCK,
     Held,
     OutputCounts,
     Sizes,
@@ -113,17 +113,17 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
         slopes[i] = fma(slope, s, total) * longer
 
 
-@procedure(apart=True, to=lambda: Array(room=BLOCK), work=work_type)
+@procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
     """Write the state at a time on a step, for every layout."""
     layout = layout_of(sizes)
     lost = work[layout.lost :]
     if likely(layout.chains != 0):
         powers = powers_of(s)
-        for i in each(layout.dimension, width=BLOCK):
+        for i in each(layout.dimension, width=WIDEST_VECTOR):
             to[i] = work[i] + (chained_sum(work, order, powers, i, layout) + lost[i])
     else:
-        for i in each(layout.dimension, width=BLOCK):
+        for i in each(layout.dimension, width=WIDEST_VECTOR):
             to[i] = work[i] + (horner(work, order, s, i, layout)[0] + lost[i])
 
 

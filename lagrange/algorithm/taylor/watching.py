@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.projection import CORRECTIONS
 from lagrange.algorithm.step.run import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.memory import (
-    BLOCK,
     JET,
     Held,
     OutputCounts,
@@ -143,7 +143,7 @@ the indices of the functions that vanish at the end of the last step, and the di
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
     """Return the numbers of reals and of wholes in the scratch memory of procedures; see `Scratch`."""
-    return count * (sum(REALS.values()) + dimension) + dimension + 4 * BLOCK, count * sum(WHOLES.values())
+    return count * (sum(REALS.values()) + dimension) + dimension + 4 * WIDEST_VECTOR, count * sum(WHOLES.values())
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def watched_type() -> Bundle:
 
 def watched_types() -> dict[str, Stated]:
     """Return the types of the watched functions without their series."""
-    blocks = Array(room=BLOCK)
+    blocks = Array(room=WIDEST_VECTOR)
     return {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks}
 
 
@@ -204,13 +204,13 @@ def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any
 @inline
 def moved_state(watched: Watched, layout: Any) -> Any:
     """Return the memory for a perturbed state, in whole blocks."""
-    return watched.scratch[layout.watched * sum(REALS.values()) + BLOCK :]
+    return watched.scratch[layout.watched * sum(REALS.values()) + WIDEST_VECTOR :]
 
 
 @inline
 def new_entries(watched: Watched, layout: Any) -> Any:
     """Return the memory for the results of all resets, or the state at the end of a step."""
-    return moved_state(watched, layout)[layout.dimension + 2 * BLOCK :]
+    return moved_state(watched, layout)[layout.dimension + 2 * WIDEST_VECTOR :]
 
 
 def due_part(number: int) -> int:

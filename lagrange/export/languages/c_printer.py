@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from lagrange.errors import LagrangeError
 from lagrange.export.identifiers import ascii_name, unreserved
-from lagrange.export.lines import continued, wrapped
+from lagrange.export.lines import TEXT_WIDTH, continued, wrapped
 from lagrange.procedure.form import (
     FLAG,
     PARTIAL,
@@ -205,9 +205,6 @@ RESERVED = (
 )
 """Words that must not be names of values: keywords, macros, and names of function parameters."""
 
-WIDTH = 110
-"""Largest length of a line in a comment or the head of a function."""
-
 
 @dataclass(frozen=True)
 class CNames:
@@ -267,7 +264,7 @@ class CNames:
         ]
         head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
         line = f"{head}{', '.join(given) or 'void'})"
-        return [line] if len(line) <= WIDTH else [head, *broken(given, "    ", WIDTH)]
+        return [line] if len(line) <= TEXT_WIDTH else [head, *broken(given, "    ", TEXT_WIDTH)]
 
 
 def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
@@ -283,7 +280,7 @@ def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
 
 def comment(text: str) -> list[str]:
     """Return the lines of a comment."""
-    first, *rest = wrapped(text, WIDTH - 6)
+    first, *rest = wrapped(text, TEXT_WIDTH - 6)
     lines = [f"/* {first}", *(f"   {line}" for line in rest)]
     return [*lines[:-1], f"{lines[-1]} */"]
 

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
-from lagrange.export.identifiers import LONGEST, distinct
-from lagrange.export.lines import commented, continued
+from lagrange.export.identifiers import LONGEST_NAME, distinct
+from lagrange.export.lines import TEXT_WIDTH, commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Functions, Language, PrintedFunction
@@ -91,8 +91,8 @@ _OWN = "y p t h parameters unused default_parameters factored solved equal small
 RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *_OWN.split(), *CONSTANTS, *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
-WIDTH, LONGEST_LINE = 110, 132
-"""Largest length of a line of a list, and of any line of Fortran."""
+LONGEST_LINE = 132
+"""Largest length of a line of Fortran."""
 
 LARGE = 4096
 """Size from which on local arrays need care: a compiler might keep them where two threads share them."""
@@ -155,7 +155,7 @@ def listed(head: str, names: Sequence[str]) -> Iterator[str]:
     """Yield statements that begin with `head` and list names, as many names as fit on each line."""
     line = ""
     for name in names:
-        if line and len(head) + len(line) + len(name) > WIDTH:
+        if line and len(head) + len(line) + len(name) > TEXT_WIDTH:
             yield head + line
             line = ""
         line += f", {name}" if line else name
@@ -165,7 +165,7 @@ def listed(head: str, names: Sequence[str]) -> Iterator[str]:
 
 def module_name(module: SourceModule) -> str:
     """Return the name of the Fortran module, which no other name of the file has."""
-    return distinct([module.name[: LONGEST - len("_test")]], RESERVED, key=str.lower)[0]
+    return distinct([module.name[: LONGEST_NAME - len("_test")]], RESERVED, key=str.lower)[0]
 
 
 def source(module: SourceModule) -> str:

@@ -19,7 +19,7 @@ from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-WRITTEN_OUT = 4
+LARGEST_TRACED = 4
 """Largest order of a matrix that is eliminated entry by entry; a larger one goes to LAPACK. In a batch, order 2 takes
 30 ns instead of 290, order 4 200 instead of 520. Order 6 takes as long either way, and five times as long to
 compile."""
@@ -84,7 +84,7 @@ _both, _either = jnp.logical_and, jnp.logical_or
 
 def _factored(n, *lower):
     \"\"\"Return the factors of a symmetric matrix, given by its lower triangle, and whether it is singular.\"\"\"
-    if n <= {WRITTEN_OUT}:
+    if n <= {LARGEST_TRACED}:
         rows, units = _rows(n, lower)
         eliminated, singular = _eliminated(n, rows)
         return (units, eliminated), singular

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
 from lagrange.export.identifiers import distinct
-from lagrange.export.lines import commented, wrapped
+from lagrange.export.lines import TEXT_WIDTH, commented, wrapped
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Functions, Language, PrintedFunction
@@ -72,9 +72,6 @@ _LIBRARY = """
 MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
 """Words that must not be the module's name: modules of the standard library, and types."""
 
-WIDTH = 110
-"""Largest length of a line of comment."""
-
 LANGUAGE = Language(
     name="Julia",
     operations=OPERATIONS,
@@ -130,7 +127,7 @@ def _function(head: str, about: str, function: PrintedFunction, least: Mapping[s
     In Julia the end of a line ends a statement.
     """
     yield from ('"""', f"    {head}", "")
-    yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, WIDTH))
+    yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, TEXT_WIDTH))
     yield from ('"""', f"function {head}")
     for name, size in least.items():
         if size:

@@ -146,10 +146,10 @@ FINITE = """\
 """Assertion after divisions by inertias. If an inertia is zero, results are not finite, and a simulation could not go
 on."""
 
-WIDTH = 100
+MODELICA_WIDTH = 100
 
 
-def broken(line: str, width: int = WIDTH) -> list[str]:
+def broken(line: str, width: int = MODELICA_WIDTH) -> list[str]:
     """Return a line as several lines of at most `width` characters; all but the first are indented."""
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
@@ -157,7 +157,7 @@ def broken(line: str, width: int = WIDTH) -> list[str]:
 
 def remark(about: str) -> list[str]:
     """Return the lines of a Modelica comment."""
-    return commented(about, "//", WIDTH + 3)
+    return commented(about, "//", MODELICA_WIDTH + 3)
 
 
 def package(module: SourceModule) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, places, statement_comment
-from lagrange.export.identifiers import LONGEST
+from lagrange.export.identifiers import LONGEST_NAME
 from lagrange.export.lines import commented, continued, number_lines
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
@@ -115,7 +115,7 @@ LANGUAGE = Language(
 def prefix_of(module: SourceModule) -> str:
     """Return the prefix of the names of all functions, shortened if they would be too long."""
     longest = max(map(len, ("default_parameters", *(one.name for one in module.quantities))))
-    return f"{module.name[: LONGEST - longest - 1]}_"
+    return f"{module.name[: LONGEST_NAME - longest - 1]}_"
 
 
 def _defaults(module: SourceModule, prefix: str) -> str:

@@ -11,18 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from lagrange.algorithm.dense.block import LANES, StepPolynomial, block_size
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.dense.series import series_polynomial
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
 
-MOST_STEPS, MOST_TIMES = 1024, 16384
+STEPS_PER_BLOCK, TIMES_PER_BLOCK = 1024, 16384
 """Largest number of steps in a block, and of times evaluated at once: bounds on memory."""
 
 
-FEW = 16
+SHORT_BLOCK = 16
 """Largest number of entries of a block for which the procedure is printed for numbers, not for arrays. An operation on
 a short array takes as long as twenty operations on numbers."""
 
@@ -68,13 +69,13 @@ class NumpyDense(ABC):
             own, beside, work, out = (one if isinstance(one, np.ndarray) else np.frombuffer(one) for one in arrays)
             self.write(columns, own, beside, work, out)
 
-        return BlockPolynomial(write, np.empty(0).data, LANES, self.size(LANES), self.both, ())
+        return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of some steps; see `DensePath`."""
         found = np.empty((self.degree + 1, self.dimension, len(steps)))
-        for low in range(0, len(steps), MOST_STEPS):
-            part = slice(low, low + MOST_STEPS)
+        for low in range(0, len(steps), STEPS_PER_BLOCK):
+            part = slice(low, low + STEPS_PER_BLOCK)
             found[:, :, part] = self._block(times, states, steps[part])
         return found
 
@@ -83,8 +84,8 @@ class NumpyDense(ABC):
         sign = 1.0 if times[-1] >= times[0] else -1.0
         found = np.searchsorted(sign * times, sign * wanted, side="right") - 1
         found = np.clip(found, 0, len(times) - 2)
-        for low in range(0, len(wanted), MOST_TIMES):
-            part = slice(low, low + MOST_TIMES)
+        for low in range(0, len(wanted), TIMES_PER_BLOCK):
+            part = slice(low, low + TIMES_PER_BLOCK)
             steps, here = found[part], wanted[part]
             used, which = np.unique(steps, return_inverse=True)
             with np.errstate(all="ignore"):
@@ -144,7 +145,7 @@ class NumpyStepDense(NumpyDense):
         derivative = None if jacobian is None else _by_columns(jacobian, self.parameters)
         numbers = kind.stages, kind.degree, self.dimension, columns
         arrays = kind.table, own, beside, work, out
-        few = columns * self.dimension <= FEW
+        few = columns * self.dimension <= SHORT_BLOCK
         table, *rest = [array.data for array in arrays] if few else arrays
         made = _loaded(kind.procedure, by_arrays=not few)
         made(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import POLYNOMIAL, StepPolynomial, block_size
 from lagrange.algorithm.dense.evaluate import outputs, polynomials
 from lagrange.algorithm.dense.series import series_polynomial
 from lagrange.algorithm.linear.columns import invert_columns
@@ -81,9 +82,9 @@ class LlvmDense(ABC):
         columns = written.columns
         blocks = -(-count // columns)
         starts = np.concatenate([steps, np.repeat(steps[-1:], blocks * columns - count)]).astype(np.int64)
-        out = np.empty(blocks * (self.degree + 1) * n * columns + LANES)
+        out = np.empty(blocks * (self.degree + 1) * n * columns + WIDEST_VECTOR)
         self._run(polynomials.form(), written, times, states, starts=starts, blocks=blocks, out=out)
-        c = out[:-LANES].reshape(blocks, self.degree + 1, n, columns)
+        c = out[:-WIDEST_VECTOR].reshape(blocks, self.degree + 1, n, columns)
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
@@ -91,7 +92,7 @@ class LlvmDense(ABC):
         if (written := self._written()) is None:
             out[:] = np.nan
             return
-        c = np.empty((self.degree + 1) * self.dimension * written.columns + LANES)
+        c = np.empty((self.degree + 1) * self.dimension * written.columns + WIDEST_VECTOR)
         sign = 1.0 if times[-1] >= times[0] else -1.0
         own = {"wanted": np.ascontiguousarray(wanted), "count": len(wanted), "sign": sign}
         self._run(outputs.form(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
@@ -118,8 +119,8 @@ class LlvmDense(ABC):
             "steps": len(times) - 1,
             "times": np.ascontiguousarray(times),
             "states": np.ascontiguousarray(states),
-            "own": np.zeros(block_size(n, written.columns) + LANES),
-            "beside": np.zeros(block_size(n, written.columns) + LANES),
+            "own": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
+            "beside": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
             "work": workspace(written.work),
             **own,
         }
@@ -159,7 +160,9 @@ class LlvmStepDense(LlvmDense):
         places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
         given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
         address_of = code.address("polynomial")
-        return BlockPolynomial(address_of, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))
+        return BlockPolynomial(
+            address_of, given, WIDEST_VECTOR, kind.size(n, WIDEST_VECTOR), kind.derivative, tuple(kept)
+        )
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:

@@ -8,7 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lagrange.algorithm.dense.block import LANES, block_size
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import block_size
 from lagrange.algorithm.events.event_steps import event_steps
 from lagrange.algorithm.events.step_samples import work_size
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
@@ -65,7 +66,7 @@ class LlvmEventSteps:
             "given": written.given,
             "degree": dense.degree,
             "both": int(written.both),
-            **{name: np.zeros(block_size(n, LANES) + LANES) for name in ("own", "beside")},
+            **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("own", "beside")},
             "screen": self._screen.function,
             "screen_given": self._screen.given,
             # The arguments of a block polynomial begin with the law over columns and its parameters.
@@ -73,7 +74,7 @@ class LlvmEventSteps:
             "law_parameters": int(self._screen.given[1]),
             "screens": screens,
             "path_work": workspace(max(written.work, self._screen.work)),
-            "c": workspace((dense.degree + 1) * n * LANES + LANES),
+            "c": workspace((dense.degree + 1) * n * WIDEST_VECTOR + WIDEST_VECTOR),
             "kernel": kernel.columns_address,
             "parameters": prepared,
             "values": kernel.address,
@@ -86,7 +87,7 @@ class LlvmEventSteps:
             "noted": np.zeros(4 * count, dtype=np.int64),
             "levels": np.zeros(count),
             "work": workspace(work_size(n, count)),
-            "scratch": np.zeros(n + 2 * count + results + LANES),
+            "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
         }
         self._code, self._kept = compiled(event_steps.form()), given
         self._words = self._code.words()

@@ -29,16 +29,16 @@ from lagrange.machine.members.operations import declarations
 from lagrange.machine.members.printer import MemberProgram
 from lagrange.machine.members.spliced import Spliced
 from lagrange.procedure.form import Procedure
-from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
 
-BLOCK = 4
+STORED_TOGETHER = 4
 """Doubles that kernels and steps load and store at once."""
 
 MOST_IN_REGISTERS = 8
 """Largest number of entries of a state, and of results, that are passed in registers."""
 
-SCALAR = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
+SCALAR = Style(largest=LARGEST_IN_LINE, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
 """How systems are solved for one state. Those that are written out share one test of pivots, at which all their entries
 are live; systems in memory are four vectors of eight reals for each row."""
 
@@ -71,7 +71,7 @@ class KernelCode:
     @cached_property
     def prepared(self) -> Prepared:
         """The indices of saved results after the parameters."""
-        return Prepared.of([self.program], WRITTEN_OUT)
+        return Prepared.of([self.program], LARGEST_IN_LINE)
 
     @cached_property
     def prepare(self) -> Procedure:

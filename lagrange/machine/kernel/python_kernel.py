@@ -19,7 +19,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.calls import nothing
 from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.straight_lines import WRITTEN_OUT, StraightLines, fits
+from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
@@ -101,8 +101,8 @@ def printed(program: Program) -> str:
     if not fits(program):
         orders = max(one.order for one in program.instructions if one.op in ("factor", "solve"))
         raise StatementError(
-            f"{program.name} solves a linear system of {orders} unknowns, which is not printed: {WRITTEN_OUT} are the "
-            "most. Call the model, or take model.interpreted(name).program."
+            f"{program.name} solves a linear system of {orders} unknowns, which is not printed: "
+            f"{LARGEST_IN_PYTHON} are the most. Call the model, or take model.interpreted(name).program."
         )
     inputs, lines = ", ".join(block.name for block in program.inputs), StraightLines(simplified(program))
     columns, buffers = lines.columns(half_angles=tangents_are_fast())

@@ -24,7 +24,7 @@ UNIT = 2.0**-53
 NO_PIVOT = 1e-12
 """Smallest pivot, relative to its summands, that needs no row exchange."""
 
-EXACT = frozenset(("neg", "abs", "min", "max", "select"))
+EXACT_OPERATIONS = frozenset(("neg", "abs", "min", "max", "select"))
 """Operations that do not round."""
 
 JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
@@ -41,7 +41,7 @@ class Noisy(NamedTuple):
 
 def _noisy(name: str) -> Callable[..., Noisy]:
     """Return an operation on numbers with noise. It is evaluated at both ends of each argument's error interval."""
-    operation, own = OPERATIONS[name], 0.0 if name in EXACT else UNIT
+    operation, own = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
     def apply(*args: Noisy) -> Noisy:
         values = [one.value for one in args]

@@ -40,10 +40,10 @@ from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.visit import FIELDS, operands, visits
 from lagrange.program.program import Program
 
-WRITTEN_OUT = 12
+LARGEST_IN_PYTHON = 12
 """Largest matrix whose factors L D L^T are written out."""
 
-STYLE = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=1, pivoting=False, early=False)
+STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivoting=False, early=False)
 """Style for straight lines: all systems are written out, and the interpreter solves those that need pivoting."""
 
 MOST_ADDED = 12
@@ -58,7 +58,7 @@ UFUNCS: Mapping[str, str] = {
 
 def fits(program: Program) -> bool:
     """Return whether every linear system of a program is small enough to be written out."""
-    return all(one.order <= WRITTEN_OUT for one in program.instructions if one.op in ("factor", "solve"))
+    return all(one.order <= LARGEST_IN_PYTHON for one in program.instructions if one.op in ("factor", "solve"))
 
 
 class StraightLines:
@@ -68,7 +68,7 @@ class StraightLines:
     """
 
     def __init__(self, program: Program) -> None:
-        held = Prepared.of([program], WRITTEN_OUT)
+        held = Prepared.of([program], LARGEST_IN_PYTHON)
         self.program = program
         self.outer = _straight(prepare(held, "", in_place=True, style=STYLE))
         self.inner = _straight(kernel_by_value(program, held, program.outputs, style=STYLE))

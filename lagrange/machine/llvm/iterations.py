@@ -29,7 +29,7 @@ from lagrange.procedure.form import (
 if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
 
-WRITTEN_OUT = 2
+UNROLLED_VECTORS = 2
 """Largest number of vectors for which the iterations are written out."""
 
 
@@ -65,7 +65,7 @@ class Lanes:
         known = number(count)
         if known is None:
             self.looped(sums, count)
-        elif self.each.unrolled or -(-known // self.stride) <= WRITTEN_OUT:
+        elif self.each.unrolled or -(-known // self.stride) <= UNROLLED_VECTORS:
             self.rest(sums, 0, known)
         else:
             whole = known - known % self.stride

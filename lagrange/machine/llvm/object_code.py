@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-ROOM = 32_000_000
+CACHE_BYTES = 32_000_000
 """Bytes of object code in the cache. The least recently used code is dropped first.
 
 A right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB.
@@ -17,7 +17,7 @@ A right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB
 class ObjectCode:
     """Cache of object code. A system that is stated again, or changed and changed back, is not compiled again."""
 
-    def __init__(self, room: int = ROOM) -> None:
+    def __init__(self, room: int = CACHE_BYTES) -> None:
         self._room, self._taken = room, 0
         self._codes: OrderedDict[bytes, bytes] = OrderedDict()
         self._lock = threading.Lock()

@@ -90,7 +90,7 @@ INLINE_ANGLES = 8
 More angles call a function, which bounds the compile time of a long chain.
 """
 
-MOST_OPERATIONS = 200
+OPERATIONS_PER_BLOCK = 200
 """Largest number of operations in one basic block of a kernel; the next operation begins another block.
 
 LLVM schedules a block as a whole: the Jacobian of a chain of 10 links compiles in 202 ms as one block, in 152 as many.
@@ -362,7 +362,7 @@ class Printer(Visitor):
         if let.op == CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
         self.operations += 1
-        if self.foreign and self.current is None and self.operations % MOST_OPERATIONS == 0:
+        if self.foreign and self.current is None and self.operations % OPERATIONS_PER_BLOCK == 0:
             self.e.cut()
         lanes = max(self.lanes(arg) for arg in let.args)
         if let.op in ANGLES:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.engine import Module
 
-STEPS = 5000
+STEPS_BEFORE_OPTIMIZING = 5000
 """Number of steps after which code is compiled with optimization.
 
 The series of a double pendulum takes 59 ms to compile with optimization and 19 without; a loop over Runge-Kutta steps,
@@ -44,7 +44,7 @@ class TieredModule(Shared):
         self.quick = Module(text, quickly=True)
         self.address = self.quick.address(name)
         self._well: Module | None = None
-        self._left = STEPS
+        self._left = STEPS_BEFORE_OPTIMIZING
         self._lock = threading.Lock()
 
     def address_of(self, name: str) -> int:

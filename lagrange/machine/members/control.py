@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 ALIVE = -1
 """Key of the mask of members that have not left the procedure, among the numbers of variables."""
 
-FEW = 8
+SHORT_BRANCH = 8
 """Largest number of operations of a branch that are computed for all members, instead of branching."""
 
-WRITTEN_OUT = 64
+UNROLLED = 64
 """Largest total number of statements for which the iterations of an `each` are written out."""
 
 Way = tuple[str, dict[int, str]]
@@ -254,7 +254,7 @@ class Control:
         ]
         count = p.values[each.iterations]
         known = None if own or count.startswith("%") else int(count)
-        if known is not None and (each.unrolled or known * (statements(each.body) + len(each.folds)) <= WRITTEN_OUT):
+        if known is not None and (each.unrolled or known * (statements(each.body) + len(each.folds)) <= UNROLLED):
             for k in range(known):
                 self.iteration(each, str(k))
                 sums = [self.collected(*one) for one in zip(each.folds, sums, widths, strict=True)]
@@ -363,4 +363,4 @@ def is_cheap(when: When) -> bool:
         isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and (one.op in CHEAP or one.op == CONSTANT))
         for one in both
     )
-    return allowed and sum(isinstance(one, Let) for one in both) <= FEW
+    return allowed and sum(isinstance(one, Let) for one in both) <= SHORT_BRANCH

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.inverse import invert
 from lagrange.algorithm.series.by_order import ByOrderJet, Row, by_order_scratch
 from lagrange.algorithm.series.cost import cheapest_order, is_large
@@ -38,7 +38,7 @@ from lagrange.machine.llvm.procedures import joined as module_ir
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.llvm_steps import compiled_steps
-from lagrange.machine.state import MOST_LANES, OUTCOMES, DriverState, Outcome
+from lagrange.machine.state import OUTCOMES, DriverState, Outcome
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -223,7 +223,7 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
     block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
     if order:
         return TaylorLayout.of(program, block=block, chains=True)
-    width = whole_blocks(Row(packing, whole_blocks(program.states, block)).size, MOST_LANES)
+    width = whole_blocks(Row(packing, whole_blocks(program.states, block)).size, WIDEST_VECTOR)
     return TaylorLayout.of(program, width, block=block, scratch=by_order_scratch(packing))
 
 

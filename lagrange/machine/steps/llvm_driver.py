@@ -23,7 +23,7 @@ from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.algorithm.step.memory import NEWTON, Kept, Layout, kept
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.kernel.llvm_module import BLOCK, fit
+from lagrange.machine.kernel.llvm_module import STORED_TOGETHER, fit
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import declarations
@@ -161,7 +161,7 @@ def driver_ir(step: StepProgram, dimension: int, *, projected: bool = False) -> 
 def laid_out(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
     """Return the layout of the vectors of a step, in whole blocks."""
     small = fit(dimension) and not LAWS[step.law].through_memory
-    return Layout(step, dimension, block=BLOCK, in_registers=small, projected=projected)
+    return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
 
 def _drive(layout: Layout, loop: Procedure) -> str:

@@ -19,7 +19,7 @@ from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import label_of_entry
 from lagrange.show.figures.paths import Box, draw_floor, is_slender
 from lagrange.show.figures.space import spring, view_of
-from lagrange.show.figures.style import MOST_NAMED, FigureStyle, colours, dress, legend, of_figure, point_look
+from lagrange.show.figures.style import NAMED_POINTS, FigureStyle, colours, dress, legend, of_figure, point_look
 from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
 Pixels = NDArray[np.uint8]
 """A frame as an array (height, width, 4) of bytes: red, green, blue, and opacity 255."""
 
-WIDTH, TALLEST = 640, 400
+PICTURE_WIDTH, TALLEST = 640, 400
 """Default width of a picture, and greatest default height of its scene, in pixels."""
 
 LEAST_SIZE, MOST_SIZE = 160, 2160
 """Least and largest side on request, in pixels: below, nothing is readable; above, a frame takes over 18 MB."""
 
-SMALLEST = 0.85
+SMALLEST_SCALE = 0.85
 """Least scale factor of all sizes: letters below 8.5 pixels are hard to read."""
 
-TAIL = 2.5
+TRAIL_SECONDS = 2.5
 """Default duration of a trail, in seconds on the screen."""
 
 FADES = 12
@@ -138,7 +138,7 @@ class Film:
     def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: FigureStyle) -> None:
         self.recording, self.timing, self.style = recording, timing, style
         self.panels = panels_of(recording, style)
-        self.trail_seconds = TAIL if options.trail is None else options.trail / timing.speed
+        self.trail_seconds = TRAIL_SECONDS if options.trail is None else options.trail / timing.speed
         self.scene = MovingScene(recording, self.trail_seconds * timing.speed, style) if recording.points else None
         self.plan = _plan(self.scene, len(self.panels), options.size)
         step = abs(float(timing.t[-1] - timing.t[0])) / max(1, len(timing.t) - 1)
@@ -269,8 +269,8 @@ class _Plan:
 
 def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
     """Return the layout of the scene and of `count` panels: above one another, or side by side if the scene is tall."""
-    width = size[0] if size else WIDTH
-    scale = max(SMALLEST, width / WIDTH)
+    width = size[0] if size else PICTURE_WIDTH
+    scale = max(SMALLEST_SCALE, width / PICTURE_WIDTH)
     across = width / scale
     top = _HEADER + (_NAMES if scene is not None and scene.named else 0.0) + (14.0 if scene is None else 0.0)
     strip = count * _CHART + _TIME if count else 8.0
@@ -322,7 +322,7 @@ class MovingScene:
         self.fixed = [k for k, name in enumerate(self.names) if fixed[name] and name not in hidden]
         self.moving = [k for k, name in enumerate(self.names) if not fixed[name] and name not in hidden]
         self.colours, self.part = point_look(len(self.moving), style.colours)
-        self.named = 1 < len(self.moving) <= MOST_NAMED
+        self.named = 1 < len(self.moving) <= NAMED_POINTS
         self.box = self.shadows = None
         if self.view.spatial:
             space = [np.vstack([point, np.zeros((3 - len(point), point.shape[1]))]) for point in points.values()]
@@ -456,7 +456,7 @@ class MovingChart:
         few_ticks(axis)
         axis.locator_params(axis="y", nbins=3)
         self.clear: list[Any] = []
-        several = 1 < len(rows.rows) <= MOST_NAMED
+        several = 1 < len(rows.rows) <= NAMED_POINTS
         for row, label, colour in zip(rows.rows, rows.labels, rows.colours, strict=True):
             axis.plot(self.t, row, color=colour, linewidth=1.2, alpha=FAINT)
             name = label if several else "_nolegend_"

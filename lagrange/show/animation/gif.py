@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lagrange.show.animation.film import Film, Pixels
 from lagrange.show.figures.style import parts_of
 
-SHORTEST = 2
+SHORTEST_FRAME = 2
 """Least duration of a frame, in hundredths of a second: browsers show shorter ones for a tenth of a second."""
 
 _BLENDS = 9
@@ -35,7 +35,7 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
     from PIL import GifImagePlugin
     from PIL.Image import fromarray
 
-    every = max(1, int(np.ceil(SHORTEST / 100 / interval - 1e-9)))
+    every = max(1, int(np.ceil(SHORTEST_FRAME / 100 / interval - 1e-9)))
     numbers = range(0, film.frames, every)
     # Times are rounded as a whole, so that the duration of the motion is right.
     ends = np.rint(100 * interval * every * np.arange(len(numbers) + 1)).astype(int)

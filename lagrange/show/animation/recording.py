@@ -103,7 +103,7 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     return Recording(solution.model.statement, t, states, points, energies, change, kept, jumps, detail, size)
 
 
-EXACT = 1e-3
+THINNING_ERROR = 1e-3
 """Tolerance of thinning: the largest distance between a curve and the straight lines through its samples, relative to
 its extent. It is half a pixel."""
 
@@ -115,7 +115,7 @@ def thinned(recording: Recording) -> Recording:
     rows = [(row, max(map(np.ptp, group), default=0.0)) for group in groups for row in group]
     detail = 1
     while detail < recording.detail and any(
-        _deviation(row, recording.detail // detail) > EXACT * size for row, size in rows
+        _deviation(row, recording.detail // detail) > THINNING_ERROR * size for row, size in rows
     ):
         detail *= 2
     every = recording.detail // detail

@@ -17,7 +17,7 @@ MOST_FRAMES = 3000
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
 
-SHORTEST = 1.0
+SHORTEST_RUN = 1.0
 """Duration in seconds below which a run is slowed down, unless a speed is given."""
 
 _SPELLED = 1e12
@@ -116,7 +116,7 @@ def _fitting(whole: float, fps: float) -> float:
     It is 1, real time, or a round speed if the run would else be too short or too long.
     """
     longest = (MOST_FRAMES - 1) / fps
-    if whole < _TINY or SHORTEST <= whole <= longest:
+    if whole < _TINY or SHORTEST_RUN <= whole <= longest:
         return 1.0
     if whole > longest:
         return _rounded_up(whole / min(longest, 30.0))

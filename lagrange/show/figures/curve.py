@@ -23,7 +23,7 @@ def base_of(values: FloatArray) -> float:
     """Return a round number to subtract from values that are almost equal, else 0."""
     size = float(np.max(np.abs(values), initial=0.0))
     extent = float(np.ptp(values)) if len(values) else 0.0
-    if not LEVEL * size < extent < _NARROW * size:
+    if not LEVEL_RANGE * size < extent < _NARROW * size:
         return 0.0
     return round(float(values[0]), -floor(log10(extent)))
 
@@ -43,26 +43,26 @@ def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     size = max(abs(low), abs(high), scale)
-    if high - low <= LEVEL * size:
+    if high - low <= LEVEL_RANGE * size:
         middle, half = (low + high) / 2, 0.5 * size or 1.0
         return middle - half, middle + half
-    room = MARGIN * (high - low)
+    room = AXIS_MARGIN * (high - low)
     return low - room, high + room
 
 
-MARGIN = 0.06
+AXIS_MARGIN = 0.06
 """Margin beside the values of an axis, as a fraction of their range."""
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
-SHARE = 0.9
+SHOWN_SHARE = 0.9
 """Least fraction of the time whose values a panel shows; there is as much room again above and below."""
 
-ROOM = 0.15
+OVERSHOOT = 0.15
 """Distance by which lines continue beyond a panel, as a fraction of its height."""
 
-EDGE = 0.1
+EDGE_MARGIN = 0.1
 """Margin between the extreme values and the edge of a window, as a fraction of the range of the middle values."""
 
 _SAMPLES = 2001
@@ -79,12 +79,12 @@ class AxisWindow:
     @property
     def note(self) -> str:
         """Note on the values outside of the window."""
-        return f"shown: {SHARE:.0%} of the time; then up to {self.largest:.1e}"
+        return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Values at which lines are cut: a little outside the panel."""
-        room = ROOM * (self.high - self.low)
+        room = OVERSHOOT * (self.high - self.low)
         return self.low - room, self.high + room
 
     def clipped(self, rows: FloatArray) -> FloatArray:
@@ -110,13 +110,13 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     finite = rows[np.isfinite(rows)]
     if not len(finite):
         return None
-    low, high = np.quantile(finite, [(1 - SHARE) / 2, (1 + SHARE) / 2])
+    low, high = np.quantile(finite, [(1 - SHOWN_SHARE) / 2, (1 + SHOWN_SHARE) / 2])
     room = float(high - low)
     everything = np.concatenate([finite, outputs[np.isfinite(outputs)]])
     if room <= 0 or (everything.min() >= low - room and everything.max() <= high + room):
         return None
     least, most = float(everything.min()), float(everything.max())
-    edge = EDGE * room
+    edge = EDGE_MARGIN * room
     return AxisWindow(
         max(float(low) - room, least - edge), min(float(high) + room, most + edge), most if most > -least else least
     )
@@ -164,7 +164,7 @@ TOLERANCE = 0.3
 """Largest distance in pixels from a chord to the curve; a chord with a larger one is halved. Halving leaves about a
 quarter. The largest distance measured over all scenes and 1,000 periods is 0.3."""
 
-MOST = 2**18
+MOST_SAMPLES = 2**18
 """Largest number of samples of a curve; chords that are still inexact then remain. It was reached only for rounding
 noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
 
@@ -184,7 +184,7 @@ lie on the middle."""
 _LEAST = 1e-9
 """Intervals shorter than this fraction of the span are not divided: the values jump there."""
 
-LEVEL = 1e-9
+LEVEL_RANGE = 1e-9
 """Range of values, relative to the largest, below which they are drawn as a level line: the rest is rounding noise."""
 
 _COLUMNS = 2
@@ -205,9 +205,9 @@ def first_times(run: Trajectory) -> FloatArray:
     Of very many outputs it is a selection at irregular distances, so that it is not in step with an oscillation.
     """
     t = run.t
-    if len(t) > MOST:
-        places = np.arange(0.0, len(t) - 1, len(t) / MOST)
-        jitter = np.modf(np.arange(len(places)) * 0.6180339887498949)[0] * len(t) / MOST
+    if len(t) > MOST_SAMPLES:
+        places = np.arange(0.0, len(t) - 1, len(t) / MOST_SAMPLES)
+        jitter = np.modf(np.arange(len(places)) * 0.6180339887498949)[0] * len(t) / MOST_SAMPLES
         chosen = np.minimum(places + jitter, len(t) - 1).astype(int)
         return np.asarray(t[np.unique(np.concatenate([[0], chosen, [len(t) - 1]]))])
     if outputs_alone(run):
@@ -271,7 +271,7 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
     finite = np.isfinite(values)
     low = np.min(values, axis=axis, initial=np.inf, where=finite)
     high = np.max(values, axis=axis, initial=-np.inf, where=finite)
-    return np.where(high - low > LEVEL * np.maximum(np.abs(low), np.abs(high)), high - low, 0.0)
+    return np.where(high - low > LEVEL_RANGE * np.maximum(np.abs(low), np.abs(high)), high - low, 0.0)
 
 
 def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
@@ -298,7 +298,7 @@ def _refined(
     `placed` maps times (K,) and values (r, K) to points (p, 2, K); `scale` (p, 2) is pixels per unit. Intervals next to
     an inexact chord, or to a turn whose end is missed, are tested again.
     """
-    most = min(MOST, _MOST_VALUES // max(len(found), 1))
+    most = min(MOST_SAMPLES, _MOST_VALUES // max(len(found), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
     looked_at = np.abs(np.diff(t)) > least
     for _ in range(rounds):

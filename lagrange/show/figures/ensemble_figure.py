@@ -132,7 +132,7 @@ Values = FloatArray | MemberNumbers
 BANDS = ((0.05, 0.95), (0.25, 0.75))
 """Quantiles between which a fan is shaded; the wider band is paler."""
 
-FEW = 12
+FAN_LINES = 12
 """Largest number of members that are drawn as separate lines in a fan."""
 
 BINS = 60
@@ -141,7 +141,7 @@ BINS = 60
 MOST_CROSSES = 200
 """Largest number of failed members that are marked with a cross each on a map; more are shown by their colour only."""
 
-EVEN = 1e-9
+EVEN_SPACING = 1e-9
 """Tolerance of equal spacing: the largest difference of spacings relative to the range of the values."""
 
 
@@ -217,7 +217,7 @@ def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
     """Draw a colour for each value (k, m) at x (m,) and y (k,), as an image if these are equally spaced."""
     steps = np.diff(x), np.diff(y)
-    if all(step[0] > 0 and np.ptp(step) <= EVEN * step.sum() for step in steps):
+    if all(step[0] > 0 and np.ptp(step) <= EVEN_SPACING * step.sum() for step in steps):
         (dx, dy) = (float(step[0]) / 2 for step in steps)
         extent = (x[0] - dx, x[-1] + dx, y[0] - dy, y[-1] + dy)
         return axis.imshow(values, extent=extent, origin="lower", aspect="auto", interpolation="nearest", **look)
@@ -252,7 +252,7 @@ def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureSt
 def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
     """Draw quantiles of a row of `y` over time, or a line for each member if there are few."""
     row, times = runs.y[runs.names.index(name)], runs.t
-    if len(runs) <= FEW:
+    if len(runs) <= FAN_LINES:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):
             axis.plot(times, values, color=colour, linewidth=1.0)
         dress(axis, look, _title(runs, f"{len(runs)} runs"))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MOST_MODES = 8
 """Largest number of modes in a figure: more would make it taller than a page."""
 
-LARGEST = 0.22
+LARGEST_DISPLACEMENT = 0.22
 """Largest displacement in the figure, as a part of the extent of the positions at rest."""
 
 
@@ -131,7 +131,7 @@ def _shape(
     """Draw the positions at rest in a pale colour, and the displaced positions with arrows."""
     points, moved, extent = seen
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
-    scale = LARGEST * extent / largest if largest > 1e-12 else 0.0
+    scale = LARGEST_DISPLACEMENT * extent / largest if largest > 1e-12 else 0.0
     at = {name: point + scale * moved[name][k] for name, point in points.items()}
     for places, colour, width in ((points, look.grid, 1.4), (at, look.quiet, 1.6)):
         for start, end, kind in shapes.statement.links:
@@ -163,9 +163,9 @@ def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, Floa
     """
     whole = np.array(list(points.values()))
     middle = (whole.max(axis=0) + whole.min(axis=0)) / 2
-    half = np.maximum((whole.max(axis=0) - whole.min(axis=0)) / 2, 0.12 * extent) + 1.15 * LARGEST * extent
+    half = np.maximum((whole.max(axis=0) - whole.min(axis=0)) / 2, 0.12 * extent) + 1.15 * LARGEST_DISPLACEMENT * extent
     still = np.array([np.abs(rows).max(axis=0) for rows in moved.values()]).max(axis=0) <= 1e-12
-    half = np.where(still, half - 0.85 * LARGEST * extent, half)
+    half = np.where(still, half - 0.85 * LARGEST_DISPLACEMENT * extent, half)
     axis.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagrange.show.figures.curve import (
-    LEVEL,
-    MARGIN,
+    AXIS_MARGIN,
+    LEVEL_RANGE,
     Pixels,
     around,
     base_of,
@@ -25,7 +25,7 @@ from lagrange.show.figures.curve import (
 from lagrange.show.figures.space import View, spring, view_of
 from lagrange.show.figures.style import (
     LINES,
-    MOST_NAMED,
+    NAMED_POINTS,
     FigureStyle,
     colours,
     dress,
@@ -75,7 +75,7 @@ class Box:
         good = points[:, np.isfinite(points).all(axis=0)]
         low, high = (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(3), np.zeros(3))
         largest = float((high - low).max()) or 1.0
-        grown = np.maximum(high - low, _LEAST_SIDE * largest) / 2 + MARGIN * largest
+        grown = np.maximum(high - low, _LEAST_SIDE * largest) / 2 + AXIS_MARGIN * largest
         middle = (low + high) / 2
         middle[2] = low[2] + grown[2]
         return cls(middle - grown, middle + grown)
@@ -363,9 +363,9 @@ class PathPanel:
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
         """Set limits with room around all points; rounding noise does not fill the panel."""
-        axis.margins(MARGIN)
+        axis.margins(AXIS_MARGIN)
         to_scale = self.shape == "square" and all(run.to_scale for run in runs)
-        still = float(np.ptp(bounds, axis=0).max()) <= LEVEL * float(np.abs(bounds).max(initial=0.0))
+        still = float(np.ptp(bounds, axis=0).max()) <= LEVEL_RANGE * float(np.abs(bounds).max(initial=0.0))
         if self.view.spatial:
             axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
         elif to_scale and not still:
@@ -435,7 +435,7 @@ def _draw_run(
         else:
             _draw_in_space(axis, paths, k, box, shade, style, kind)
         axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5 * part, zorder=4)
-        named = len(shades) <= MOST_NAMED and (len(shades) > 1 or not label)
+        named = len(shades) <= NAMED_POINTS and (len(shades) > 1 or not label)
         shown = " ".join(filter(None, (name if named else "", label))) or "_nolegend_"
         mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7 * part, lw=0.9, zorder=5, label=shown)[0]
         mark.set(linestyle=kind if shared else "none")  # for the legend

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH, HEIGHT = 1000.0, 800.0
+PANEL_WIDTH, PANEL_HEIGHT = 1000.0, 800.0
 """Size of the panel in pixels, at 160 dots per inch."""
 
 ARROW = 0.62
@@ -117,7 +117,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
         begin = first_times(part)
         extent = np.ptp(part.dense(begin)[rows], axis=1)
         # Here a panel shows the window, and an angle may cross it several times.
-        pixels = Pixels(WIDTH * extent[0] / first.width, HEIGHT * extent[1] / second.width)
+        pixels = Pixels(PANEL_WIDTH * extent[0] / first.width, PANEL_HEIGHT * extent[1] / second.width)
         _, points = in_plane(partial(_points, part, rows), begin, pixels, equal=False)
         x, y = points[0]
         for line in turned_lines(x, y, first.low, first.high) if portrait.turns else [(x, y)]:

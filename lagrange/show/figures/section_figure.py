@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LARGEST, SMALLEST = 6.0, 0.5
+LARGEST_POINT, SMALLEST_POINT = 6.0, 0.5
 """Largest and smallest diameter of points, in typographic points: for a hundred points, and for a hundred thousand."""
 
 
@@ -50,7 +50,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
 
 
 def _diameter(count: int) -> float:
-    return float(np.clip(LARGEST * (100 / max(count, 1)) ** 0.25, SMALLEST, LARGEST))
+    return float(np.clip(LARGEST_POINT * (100 / max(count, 1)) ** 0.25, SMALLEST_POINT, LARGEST_POINT))
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:

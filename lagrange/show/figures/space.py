@@ -88,7 +88,7 @@ def _extents(points: FloatArray) -> FloatArray:
     return np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(points))
 
 
-TURNS = 8
+SPRING_TURNS = 8
 """Turns of a spring, whatever its length: their distance shows how far it is stretched."""
 
 _STRAIGHT = 0.1
@@ -100,7 +100,7 @@ def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
 
     A spring of zero length is a point.
     """
-    along = np.concatenate([[0.0], np.linspace(_STRAIGHT, 1.0 - _STRAIGHT, 2 * TURNS + 1), [1.0]])
+    along = np.concatenate([[0.0], np.linspace(_STRAIGHT, 1.0 - _STRAIGHT, 2 * SPRING_TURNS + 1), [1.0]])
     aside = np.zeros_like(along)
     aside[2:-2:2], aside[3:-2:2] = 0.5, -0.5
     line = np.asarray(end, dtype=float) - start

@@ -37,16 +37,16 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
     return tuple("#" + "".join(f"{round(255 * part):02x}" for part in share) for share in shares)
 
 
-MOST_NAMED = 10
+NAMED_POINTS = 10
 """Largest number of moving points with a colour and a name each; more are alike and small."""
 
 _SMALL = 0.4
-"""Factor of the size of moving points beyond `MOST_NAMED`."""
+"""Factor of the size of moving points beyond `NAMED_POINTS`."""
 
 
 def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
     """Return the colours of `count` moving points, and the factor of their size."""
-    return (colours(count, few), 1.0) if count <= MOST_NAMED else ((few[0],) * count, _SMALL)
+    return (colours(count, few), 1.0) if count <= NAMED_POINTS else ((few[0],) * count, _SMALL)
 
 
 POINTS_OF_A_LETTER = 5.0

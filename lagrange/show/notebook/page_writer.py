@@ -22,7 +22,7 @@ from lagrange.statement.statement import Statement
 
 MOST_CHARACTERS = 20_000
 """Longest page in a notebook, in characters without pictures: the page of a double pendulum takes 2,000."""
-MOST_OPERATIONS = 600
+MOST_SHOWN_OPERATIONS = 600
 """Largest number of operations of an expression that is written or derived for a notebook, which takes about a second.
 All scenes of the library have fewer."""
 LONG = 12

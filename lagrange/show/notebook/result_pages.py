@@ -17,7 +17,7 @@ from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.modes import Modes
 from lagrange.show.notation.sections import ExpressionRows, Formula, ShownQuantity
 from lagrange.show.notation.symbols import markdown_text
-from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
+from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
 from lagrange.statement.notebook_page import notebook_page
 
 STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
@@ -90,7 +90,7 @@ def _modes(modes: Modes) -> Iterator[Part]:
     for k, (frequency, decay, shape) in enumerate(zip(modes.frequencies, modes.decay, modes.shapes, strict=True), 1):
         slower = "" if decay == 0 else f",\\quad \\text{{decay }} {writer.side(_rounded(decay))}"
         name = f"mode {k}"
-        if sum(int(x.count_ops()) for x in (frequency, *shape) if isinstance(x, sympy.Basic)) > MOST_OPERATIONS:
+        if sum(int(x.count_ops()) for x in (frequency, *shape) if isinstance(x, sympy.Basic)) > MOST_SHOWN_OPERATIONS:
             yield name, left_out(name, "it is too long", "`.shapes` has it.")
             continue
         column = writer.side(ExpressionRows(tuple((_rounded(x),) for x in shape)))
@@ -127,7 +127,7 @@ def _linearization(linear: Linearization) -> Iterator[Part]:
     for name, matrix in {"M": linear.M, "C": linear.C, "K": linear.K, "input_matrix": linear.input_matrix}.items():
         if not len(matrix):
             continue
-        if sum(int(x.count_ops()) for x in matrix) > MOST_OPERATIONS or max(matrix.shape) > MOST_ROWS:
+        if sum(int(x.count_ops()) for x in matrix) > MOST_SHOWN_OPERATIONS or max(matrix.shape) > MOST_ROWS:
             yield name, left_out(name, f"it has {matrix.rows} rows", f"`.{name}` has it.")
             continue
         letter = "F" if name == "input_matrix" else name
@@ -163,7 +163,7 @@ def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
 
 def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
     """Return an expression as a formula, or a sentence if it is long."""
-    if (size := int(expression.count_ops())) > MOST_OPERATIONS:
+    if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
         return left_out(name, f"it has {size} operations", "`.expression` has it.")
     return writer.formulas([Formula((expression,) if left is None else (left, expression))])
 

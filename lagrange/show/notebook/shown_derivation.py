@@ -12,7 +12,7 @@ from lagrange.show.derivation_page import LEFT_OUT, Heading, render
 from lagrange.show.notation.sections import Section, sections
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notebook.page_writer import (
-    MOST_OPERATIONS,
+    MOST_SHOWN_OPERATIONS,
     PageWriter,
     Part,
     bold,
@@ -104,7 +104,7 @@ def _parts(derivation: ShownDerivation) -> Iterator[Part]:
     statement = derivation.statement
     writer = PageWriter(statement)
     yield "the name", bold(statement.name)
-    if (size := operations(statement)) > MOST_OPERATIONS:
+    if (size := operations(statement)) > MOST_SHOWN_OPERATIONS:
         yield "", left_out("The derivation", f"it starts from {size} operations, which takes long", INSTEAD)
     else:
         for section in sections(derivation):

@@ -11,7 +11,7 @@ from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import table
-from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
+from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, joined, left_out
 from lagrange.statement.scene.library import library
 from lagrange.statement.statement import Statement
 
@@ -93,7 +93,7 @@ def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Ite
     writer = PageWriter(statement)
     for name, left, right in rows:
         size = sum(int(side.count_ops()) for side in (left, right) if isinstance(side, Basic))
-        if size > MOST_OPERATIONS:
+        if size > MOST_SHOWN_OPERATIONS:
             yield name, left_out(name, f"it has {size} operations", "`print(...)` has it.")
         else:
             yield name, writer.formulas([Formula((left, right))])

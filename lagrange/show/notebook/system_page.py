@@ -10,7 +10,7 @@ from lagrange.errors import StatementError, counted
 from lagrange.show.notation.sections import LAGRANGIAN, Formula, ShownQuantity, constraint_quantity
 from lagrange.show.notation.symbols import markdown_text
 from lagrange.show.notebook.page_writer import (
-    MOST_OPERATIONS,
+    MOST_SHOWN_OPERATIONS,
     PageWriter,
     Part,
     bold,
@@ -35,7 +35,7 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
     writer = PageWriter(statement)
     count = len(statement.coordinates)
     head = f"{bold(statement.name)}: {counted(count, 'coordinate')}"
-    known = " " + ", ".join(map(writer.inline, statement.coordinates)) if count <= MOST_NAMED else ""
+    known = " " + ", ".join(map(writer.inline, statement.coordinates)) if count <= NAMED_COORDINATES else ""
     yield "the coordinates", f"{head}{known}" + (f". {markdown_text(statement.about)}" if statement.about else "")
     yield from _stated(statement, writer)
     yield "the parameters", _parameters(statement, writer)
@@ -44,7 +44,7 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
     yield "the structure", f"{bold('Structure')}\n\n" + "\n".join(f"- {markdown_text(one)}" for one in findings)
 
 
-MOST_NAMED = 12
+NAMED_COORDINATES = 12
 """Largest number of coordinates that are named; more are only counted."""
 
 
@@ -62,11 +62,11 @@ def _stated(statement: Statement, writer: PageWriter) -> Iterator[Part]:
     rows += [(ShownQuantity("D"), statement.dissipation)] if statement.dissipation != 0 else []
     rows += [known for known in statement.known_motions if not isinstance(known, str)]
     rows += [(constraint_quantity(one), one.expression) for one in statement.constraints]
-    short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_OPERATIONS]
+    short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_SHOWN_OPERATIONS]
     if short:
         yield "the energies, forces and constraints", writer.under("Stated", short)
     for name, what in rows:
-        if (size := int(what.count_ops())) > MOST_OPERATIONS:
+        if (size := int(what.count_ops())) > MOST_SHOWN_OPERATIONS:
             yield "", left_out(_called(name), f"it has {size} operations", INSTEAD)
     for known in statement.known_motions:
         if isinstance(known, str):
@@ -96,7 +96,7 @@ def _initial(statement: Statement, writer: PageWriter) -> str:
 def _equations(derivation: Derivation, writer: PageWriter) -> str:
     statement = derivation.statement
     name = "the equations of motion"
-    if (size := operations(statement)) > MOST_OPERATIONS:
+    if (size := operations(statement)) > MOST_SHOWN_OPERATIONS:
         return left_out(name, f"they are derived from {size} operations, which takes long", INSTEAD)
     try:
         return writer.equations("Equations of motion", (*derivation.equations, *derivation.constraints))

@@ -18,10 +18,10 @@ from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.number import real_array
 
-FEWEST_POINTS = 4
+FEWEST_TABLE_POINTS = 4
 """Least number of points of a table: those of a cubic."""
 
-MOST_POINTS = 200
+MOST_TABLE_POINTS = 200
 """Largest number of points of a table. Each interval is a branch: a hundred compile in 2 s, and `taylor` ends a step
 at each."""
 
@@ -108,10 +108,10 @@ def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Tabul
             f"{what} has {points} of shape {places.shape} and values of shape {values.shape}: give two lists of finite "
             "numbers, of one length."
         )
-    if not FEWEST_POINTS <= len(places) <= MOST_POINTS:
+    if not FEWEST_TABLE_POINTS <= len(places) <= MOST_TABLE_POINTS:
         raise StatementError(
-            f"{what} has {len(places)} {points}: give {FEWEST_POINTS} to {MOST_POINTS}. Thin a longer table out, or "
-            "fit an expression."
+            f"{what} has {len(places)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "
+            "Thin a longer table out, or fit an expression."
         )
     falls = np.flatnonzero(np.diff(places) <= 0)
     if len(falls):

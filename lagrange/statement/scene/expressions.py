@@ -28,7 +28,7 @@ from lagrange.statement.scene.lexer import Token, refuse, tokens
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS, WORDS, FunctionWord
 
-DEEPEST = 64
+DEEPEST_NESTING = 64
 """Largest number of levels of nested parentheses, signs and powers."""
 
 MOST_CHAINED = 4
@@ -174,10 +174,10 @@ class Reader:
 
     @contextmanager
     def deeper(self) -> Iterator[None]:
-        """Count a level of nesting, which the next token begins. Raises SceneError beyond `DEEPEST`."""
+        """Count a level of nesting, which the next token begins. Raises SceneError beyond `DEEPEST_NESTING`."""
         self.depth += 1
-        if self.depth > DEEPEST:
-            refuse(f"the expression is nested more than {DEEPEST} deep: state it in parts.", self.token.offset)
+        if self.depth > DEEPEST_NESTING:
+            refuse(f"the expression is nested more than {DEEPEST_NESTING} deep: state it in parts.", self.token.offset)
         yield
         self.depth -= 1
 

@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn
 from lagrange.errors import SceneError
 from lagrange.statement.vocabulary.letters import LETTER, NAME, WORD
 
-LONGEST = 10_000
+LONGEST_EVALUATED = 10_000
 """Largest number of characters of an expression."""
 LONGEST_UNEVALUATED = 1_000_000
 """Largest number of characters of an unevaluated expression, on which SymPy does no work."""
@@ -74,7 +74,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
     """
     if not isinstance(text, str):
         raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
-    most = LONGEST_UNEVALUATED if unevaluated else LONGEST
+    most = LONGEST_UNEVALUATED if unevaluated else LONGEST_EVALUATED
     if len(text) > most:
         refuse(f"the expression has {len(text)} characters, more than {most}: state it in parts.", most)
     if not text.strip():

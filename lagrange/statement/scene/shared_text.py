@@ -13,7 +13,7 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import formula
 from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.lexer import LONGEST
+from lagrange.statement.scene.lexer import LONGEST_EVALUATED
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.vocabulary.words import WORDS
 
@@ -140,7 +140,7 @@ class SharedText:
         for term, part in zip(node.args[1:], parts[1:], strict=True):
             minus = part.text.startswith("-") and _is_signed(term, part)
             text += f" - {part.text[1:]}" if minus else f" + {part.at(FACTOR)}"
-        if len(text) > LONGEST:
+        if len(text) > LONGEST_EVALUATED:
             return self._listed(SUM, parts)
         return self._joined(parts, text, TERM)
 

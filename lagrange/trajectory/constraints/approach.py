@@ -20,7 +20,7 @@ SLOWER, NEARER = 0.75, 0.75
 Each test is after twice as many steps as the last. If both ratios are smaller, the run does not reach the state. With
 steps of equal time the first ratio is 2."""
 
-NEAR = 1e-2
+NEARLY_DEPENDENT = 1e-2
 """Constraints are nearly dependent if their least singular value is at most this fraction of its value at the start."""
 
 State = tuple[float, FloatArray]
@@ -57,7 +57,7 @@ class Approach:
         share = 1.0 if here is None else here[0]
         self.times.append(state.t)
         self.nearness.append(share)
-        if len(self.times) < 4 or share > NEAR:
+        if len(self.times) < 4 or share > NEARLY_DEPENDENT:
             return None
         last, before = (abs(end - begin) for end, begin in zip(self.times[-1:-3:-1], self.times[-2:-4:-1], strict=True))
         slower = last <= SLOWER * before

@@ -120,7 +120,7 @@ def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
 
-MOST_CORRECTIONS = 20
+START_CORRECTIONS = 20
 """Largest number of Newton corrections of velocities. Equations linear in them take one."""
 
 
@@ -133,7 +133,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
     if not model.equations.first_order:
         return y
     y, corrections, size = y.copy(), model.law("projection"), model.layout.size
-    for _ in range(MOST_CORRECTIONS):
+    for _ in range(START_CORRECTIONS):
         found = model.called(corrections, t, y, parameters)
         off = found[size] > ON_SURFACE
         if not off.any():

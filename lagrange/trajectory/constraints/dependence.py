@@ -18,14 +18,14 @@ AROUND = 1e-2
 """Distance of the sample states from a state, relative to the largest coordinate. Rows that are dependent at a single
 configuration are independent by about this much at the samples."""
 
-SAMPLES = 4
+NEARBY_SAMPLES = 4
 """Number of sample states around a state."""
 
 CLEARLY = 1e-4
 """Constraint gradients are surely independent if their least singular value exceeds this fraction of the largest. A
 typed start is rounded to 1e-6, and then dependent rows differ by as much."""
 
-VANISHING = 1e-3
+VANISHING_RATIO = 1e-3
 """A constraint gradient vanishes if it shrinks to this fraction between the samples; the gradient of a square keeps
 1e-6 / AROUND."""
 
@@ -36,7 +36,7 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
     units = units_of(projection.metric(y))
     random, (q, v) = np.random.default_rng(11), model.layout.split(y)
     size = AROUND * (np.abs(units * q).max(initial=0.0) or 1.0) / units
-    tried = [y, *(np.concatenate([q + size * random.uniform(-1.0, 1.0, len(q)), v]) for _ in range(SAMPLES))]
+    tried = [y, *(np.concatenate([q + size * random.uniform(-1.0, 1.0, len(q)), v]) for _ in range(NEARBY_SAMPLES))]
     for state in tried:
         reached = projection.reached(state)
         if reached is None:
@@ -81,7 +81,7 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
     if not (np.isfinite(rows).all() and np.isfinite(around).all()):
         return False
     sizes = np.abs(rows).max(axis=1)
-    if not (sizes > VANISHING * np.abs(around).max(axis=1)).all():
+    if not (sizes > VANISHING_RATIO * np.abs(around).max(axis=1)).all():
         return False
     values = np.linalg.svd(rows / sizes[:, None], compute_uv=False)
     return len(rows) <= rows.shape[1] and bool(values[-1] > CLEARLY * values[0])
@@ -106,5 +106,5 @@ def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Sing
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return a row that is much smaller on the surface than off it, as for the square of a constraint, or None."""
     before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
-    which = np.flatnonzero(here < VANISHING * before)
+    which = np.flatnonzero(here < VANISHING_RATIO * before)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None

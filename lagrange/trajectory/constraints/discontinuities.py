@@ -26,7 +26,7 @@ from lagrange.trajectory.constraints.residuals import ConstraintResiduals, resid
 HALVINGS = 50
 """Number of bisections that locate the zero of a surface on the chord of a step to the spacing of doubles."""
 
-BESIDE = 1e-6
+SURFACE_DISTANCE = 1e-6
 """Distance before and after a surface at which constraints are compared, as a fraction of the step."""
 
 CONTINUOUS = 4.0
@@ -35,14 +35,14 @@ CONTINUOUS = 4.0
 LONGEST_SURFACE = 80
 """Longest expression that a message shows, in characters."""
 
-ROUNDING = 1e-9
+CHANGE_NOISE = 1e-9
 """A change below this fraction of the terms is rounding: the place of the surface is known to 1e-15 of the step."""
 
-VANISHING = 1e-2
+VANISHING_GRADIENT = 1e-2
 """Largest row of G, relative to its size at the ends of a step, that counts as vanishing. The rows at both ends must be
 parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
 
-AHEAD = 1e-6
+SEARCH_AHEAD = 1e-6
 """Fraction of the run, ahead of a step that shrank to nothing, in which a discontinuity is searched."""
 
 
@@ -85,7 +85,7 @@ class Discontinuities:
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
         """Return a message on a discontinuity that a state (2n,) reaches within two steps, or very soon, or ""."""
-        h = 2 * step if step else AHEAD * self.span
+        h = 2 * step if step else SEARCH_AHEAD * self.span
         try:
             slope = self.model.kernel("rhs")(t, y, self.parameters)
         except SingularMassMatrix:
@@ -155,12 +155,12 @@ class Discontinuities:
     ) -> NDArray[np.bool_]:
         """Return which of phi, then psi and G of each constraint, jump at fractions of some steps."""
         before, near, behind, far = (
-            _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * BESIDE), self.parameters)
+            _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
             for share in (-2, -1, 1, 2)
         )
         with np.errstate(all="ignore"):
             over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
-            return over > CONTINUOUS * beside + ROUNDING
+            return over > CONTINUOUS * beside + CHANGE_NOISE
 
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
         """Return the first step on which a velocity-dependent row of G vanishes; see `_switched`."""
@@ -172,7 +172,7 @@ class Discontinuities:
             parts = np.clip(-(before * change).sum(axis=1) / (change**2).sum(axis=1), 0.0, 1.0)
             least = np.linalg.norm(before + parts[:, None] * change, axis=1)
             ends = np.maximum(np.linalg.norm(before, axis=1), np.linalg.norm(g[:, :, 1:], axis=1))
-            which, rows = np.nonzero((least <= VANISHING * ends) & (np.diff(times) != 0))
+            which, rows = np.nonzero((least <= VANISHING_GRADIENT * ends) & (np.diff(times) != 0))
         for row, place in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
             constraint, part = int(self.turning[place]), float(parts[place, row])
             if self._holds_between(times[row : row + 2], states[row : row + 2], part, constraint):
@@ -185,7 +185,7 @@ class Discontinuities:
         t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
         values, sizes = self.residuals.of_many(t, y, self.parameters)
         place = self.residuals.places + constraint
-        return bool(abs(values[place, 2]) <= VANISHING * max(sizes[place, :2]))
+        return bool(abs(values[place, 2]) <= VANISHING_GRADIENT * max(sizes[place, :2]))
 
 
 @dataclass(frozen=True, eq=False)

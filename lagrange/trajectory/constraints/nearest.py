@@ -14,10 +14,10 @@ from lagrange.machine.backend import FloatArray
 ON_SURFACE = 2.0**-40
 """A residual of at most this fraction of its size is round-off: states of doubles are rarely closer to the surface."""
 
-ROUND_OFF = 2.0**-52
+CONVERGED = 2.0**-52
 """A residual of at most this fraction of its size needs no further correction."""
 
-MOST_CORRECTIONS = 60
+NEAREST_CORRECTIONS = 60
 """Largest number of corrections. Newton's method converges within ten from a nearby state."""
 
 SHORTEST_SHARE = 2.0**-10
@@ -72,7 +72,7 @@ class Nearest:
             return x, found
         for _ in range(MOST_DESCENTS):
             along = self._step(found, start - x, np.zeros_like(found.values))
-            if self._length(along) <= max(NEAREST * self._length(x - start), ROUND_OFF * self._length(x)):
+            if self._length(along) <= max(NEAREST * self._length(x - start), CONVERGED * self._length(x)):
                 break
             share, before = 1.0, self._length(x - start)
             while share >= SHORTEST_SHARE:
@@ -88,8 +88,8 @@ class Nearest:
     def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return a point of the surface close to a point, by Newton's method with steps of least length."""
         x, found = start, self._surface(start)
-        for _ in range(MOST_CORRECTIONS):
-            if not np.isfinite(found.largest) or not np.isfinite(found.gradient).all() or found.largest <= ROUND_OFF:
+        for _ in range(NEAREST_CORRECTIONS):
+            if not np.isfinite(found.largest) or not np.isfinite(found.gradient).all() or found.largest <= CONVERGED:
                 break
             correction, share = self._step(found, np.zeros_like(x), -found.values), 1.0
             while share >= SHORTEST_SHARE:

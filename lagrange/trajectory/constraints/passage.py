@@ -41,7 +41,7 @@ MANY_STEPS = 10_000
 """Runs of at least this many steps always have their shortest step inspected: the cost is small compared with
 theirs."""
 
-CLOSE = 3.0
+DEPENDENCE_FACTOR = 3.0
 """Constraints count as dependent if their least singular value, relative to the start, is below this times the square
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
@@ -113,7 +113,7 @@ def dependent_passage(
     sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
-    near, bound = Nearness(model, parameters, times, states, start), CLOSE * math.sqrt(rtol)
+    near, bound = Nearness(model, parameters, times, states, start), DEPENDENCE_FACTOR * math.sqrt(rtol)
     for shortest, series in _short_steps(sizes):
         if near.at(times, states, [shortest])[0] > max(SURELY_FAR * bound, ON_THE_WAY):
             continue

@@ -11,14 +11,12 @@ from lagrange.equations.euler_lagrange import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.statement.number import TYPED_ROUNDING
 from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
 
-ROUNDING = 1e-6
-"""Largest violation, as a fraction of a constraint's terms, that is rounding of numbers with six or more digits."""
-
-MOST_NAMED = 3
+NAMED_CONSTRAINTS = 3
 """Largest number of constraints that a refusal names."""
 
 MOST_ENTRIES = 4
@@ -87,7 +85,7 @@ class Projection:
         """
         starts = (np.where(np.isin(np.arange(len(y)), rows) & (y == 0.0), sign, y) for sign in (1.0, -1.0))
         ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
-        return ends[0] if ends and np.allclose(ends[0], ends[-1], rtol=ROUNDING, atol=0.0) else None
+        return ends[0] if ends and np.allclose(ends[0], ends[-1], rtol=TYPED_ROUNDING, atol=0.0) else None
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
         """Return a state with the entries in `rows` solved from the others, or None if these do not determine them."""
@@ -195,9 +193,9 @@ class Projection:
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
             f"size {found.terms[row]:.3g}"
-            for row in rows[:MOST_NAMED]
+            for row in rows[:NAMED_CONSTRAINTS]
         ]
-        more = f", and {len(rows) - MOST_NAMED} more are violated" if len(rows) > MOST_NAMED else ""
+        more = f", and {len(rows) - NAMED_CONSTRAINTS} more are violated" if len(rows) > NAMED_CONSTRAINTS else ""
         return f"{listing(told)}{more}"
 
     def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
@@ -208,7 +206,7 @@ class Projection:
         many = "constraints" if len(rows) > 1 else "constraint"
         return (
             f"the initial {what} not satisfy the {many} at t = {self.t:g}: {self._values(found, rows, part)}. "
-            f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}"
+            f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {TYPED_ROUNDING:g}{leave_out}"
             f"{self._nearest_in_words(y)}."
         )
 
@@ -253,7 +251,7 @@ class Projection:
 
 def _far(found: Residuals) -> list[int]:
     """Return the rows whose residual exceeds the rounding of typed numbers, or has no value."""
-    near = np.abs(found.values) <= np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
+    near = np.abs(found.values) <= np.maximum(TYPED_ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
 
 

@@ -16,7 +16,7 @@ from lagrange.program.switching import switch
 from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
 
-BESIDE = 1e-7
+CORNER_DISTANCE = 1e-7
 """Distance on both sides of a corner at which gradients are compared, relative to the largest coordinate."""
 
 CORNER = 1e-4
@@ -128,7 +128,7 @@ class ConstraintResiduals:
         count = len(found) // (n + 2)
         values, sizes, slopes = found[:count], found[count : 2 * count], found[2 * count :].reshape(count, n)
         for row in np.flatnonzero(np.abs(values) <= ON_SURFACE * np.maximum(sizes, np.abs(slopes) @ np.abs(y[:n]))):
-            across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * BESIDE * (np.abs(y[:n]).max() or 1.0)
+            across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * CORNER_DISTANCE * (np.abs(y[:n]).max() or 1.0)
             behind, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
             jumps = np.abs(behind - before).max(axis=1) > CORNER * (np.abs(behind) + np.abs(before)).max(axis=1)
             if jumps.any():

@@ -30,7 +30,7 @@ from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import sides_behind
 from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale
 from lagrange.trajectory.events.surfaces import (
-    SHARE,
+    LEAP_SHARE,
     Continuations,
     Sliding,
     clear,
@@ -174,7 +174,7 @@ class Watch(EventLog):
 
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run if a square root of the equations becomes zero at the state, or None."""
-        look, soon = self.ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        look, soon = self.ahead(state), LEAP_SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
             # The radicand is the square of the root and falls twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):

@@ -15,7 +15,7 @@ from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbatio
 from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 
-FEW = 12
+FULL_AT_ONCE = 12
 """Largest number of steps whose event functions are sampled at the full degree together."""
 
 
@@ -113,7 +113,7 @@ class StepBatch:
         tilt = perturbation_factors(len(states) + 1)
         edge = state_noise(kernel, parameters, times, states, ends)
         steps: Places = np.arange(len(times) - 1)
-        degree = DEGREE if len(steps) <= FEW else COARSE
+        degree = DEGREE if len(steps) <= FULL_AT_ONCE else COARSE
         found = _sampled(path, steps, degree)
         values = _along(kernel, parameters, path, steps, found)
         with np.errstate(all="ignore"):

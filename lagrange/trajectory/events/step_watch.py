@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.algorithm.events.constants import CLEAR_FACTOR, FIRST_LOOK, LONGEST_LOOK, NOISE_HALVES, TOGETHER
-from lagrange.algorithm.events.event_steps import GO_ON, LOOK, MOST_STEPS, READ_EVENTS, Waiting
+from lagrange.algorithm.events.event_steps import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
 from lagrange.algorithm.events.roots import roots
 from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
@@ -101,7 +101,7 @@ class EventDriver:
         try:
             while True:
                 few = self._watch.ends or self._compiled is None
-                run.longest = LONGEST_LOOK if few else MOST_STEPS
+                run.longest = LONGEST_LOOK if few else MOST_WAITING
                 compiled = self._compiled is not None and not self._left_to_arrays and self._watch.regular
                 outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
                 if outcome is not None:

@@ -101,7 +101,7 @@ def clear(g: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
-SHARE = 1e-6
+LEAP_SHARE = 1e-6
 """Length of a leap over a point without a series, as a fraction of the run."""
 
 CHANGE = 0.01
@@ -126,7 +126,7 @@ IN_A_ROW = 3
 SHORTER, ATTEMPTS = 1 / 16, 6
 """Factor by which a rejected leap is shortened, and number of attempts."""
 
-MOST_STEPS = 2000
+MOST_LEAP_STEPS = 2000
 """Largest number of steps in a leap: one, or a thousand under a force that may act for a moment only."""
 
 
@@ -149,7 +149,7 @@ class Continuations:
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
-        lengths = [SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
+        lengths = [LEAP_SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
         least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
@@ -167,7 +167,7 @@ class Continuations:
             rtol=None,
             atol=None,
             step=None,
-            max_steps=MOST_STEPS,
+            max_steps=MOST_LEAP_STEPS,
             events=(),
             progress=None,
         )

@@ -21,11 +21,11 @@ from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
 
-SAMPLES = 4
+SIDES_PER_STEP = 4
 """Number of times within a longest step at which the sides of surfaces are compared; a step has at least as many
 stages."""
 
-MARGIN = 2.0
+SWITCH_MARGIN = 2.0
 """Distance before a surface at which a step ends, in spacings of times: times of stages are rounded by one."""
 
 TOGETHER = 4
@@ -58,7 +58,7 @@ class TimeSwitches:
         self.breaks = Breaks(len(problem.y0)) if watch is None else watch.breaks
         self._kernel = problem.model.function("surfaces", surfaces)
         self._forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-        count = SAMPLES * math.ceil(abs(problem.t1 - problem.t0) / state.reals[DriverState.LONGEST])
+        count = SIDES_PER_STEP * math.ceil(abs(problem.t1 - problem.t0) / state.reals[DriverState.LONGEST])
         self._coming = self._switches(np.linspace(problem.t0, problem.t1, count + 1))
         self._after = problem.t0
         self._look_ahead(state)
@@ -77,7 +77,7 @@ class TimeSwitches:
         """End the next calls of the driver before the next surface, or at the end of the run."""
         for before, after in self._coming:
             if self._forward * (after - state.t) > 0:
-                end = before - self._forward * MARGIN * float(np.spacing(max(abs(before), abs(state.t))))
+                end = before - self._forward * SWITCH_MARGIN * float(np.spacing(max(abs(before), abs(state.t))))
                 state.reals[DriverState.END] = self._forward * max(self._forward * end, self._forward * state.t)
                 self._after = after
                 return

@@ -15,7 +15,7 @@ import numpy as np
 
 from lagrange.algorithm.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
 from lagrange.algorithm.events.constants import (
-    DEEPEST,
+    DEEPEST_HALVING,
     EPSILON,
     JUMP,
     LARGEST_NOISE,
@@ -115,7 +115,7 @@ def roots(
     return [Root(time, way) for time, way in zeros], Side(sign, near)
 
 
-MOST_HALVINGS = 5000
+SAMPLED_HALVINGS = 5000
 """Largest number of halvings on one step, which suffices for some hundreds of roots. What is not resolved then counts
 as noise."""
 
@@ -167,16 +167,16 @@ def local_polynomials(
         piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
         if piece is not None:
             yield piece
-        elif depth < DEEPEST and halvings < MOST_HALVINGS:
+        elif depth < DEEPEST_HALVING and halvings < SAMPLED_HALVINGS:
             halvings += 1
-            above = _size(found) if depth == DEEPEST - POLE_LEVELS else above
+            above = _size(found) if depth == DEEPEST_HALVING - POLE_LEVELS else above
             for begin in (start + width / 2, start):
                 stack.append((begin, depth + 1, g(begin + width / 2 * nodes()), tail, above))
-        elif not finite or (depth == DEEPEST and _size(found) > 1e3 * above):
+        elif not finite or (depth == DEEPEST_HALVING and _size(found) > 1e3 * above):
             yield LocalPolynomial(start, width, NOWHERE, noise)
             return
         else:
-            jump = depth == DEEPEST and found[0] * found[-1] < 0 and min(abs(found[[0, -1]])) > noise
+            jump = depth == DEEPEST_HALVING and found[0] * found[-1] < 0 and min(abs(found[[0, -1]])) > noise
             yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise, bool(jump))
 
 

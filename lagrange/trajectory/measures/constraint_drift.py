@@ -15,7 +15,7 @@ from lagrange.trajectory.trajectory import FloatArray
 CANCELS = 0.5
 """Value of a constraint, relative to the sizes of its terms, below which the terms cancel."""
 
-SAMPLES = 9
+DRIFT_SAMPLES = 9
 """Number of states along the run from which the largest entries are taken."""
 
 
@@ -84,7 +84,7 @@ def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: Fl
     m = len(model.equations.stated)
     largest = np.zeros(2 * m)
     places, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
-    for i in dict.fromkeys(np.linspace(0, len(t) - 1, SAMPLES).astype(int).tolist()):
+    for i in dict.fromkeys(np.linspace(0, len(t) - 1, DRIFT_SAMPLES).astype(int).tolist()):
         point = (
             float(t[i]),
             np.ascontiguousarray(y[:, i]),

@@ -18,13 +18,13 @@ from lagrange.statement.number import ByName, one_of
 from lagrange.statement.statement import corners
 from lagrange.trajectory.trajectory import FloatArray
 
-MOST_POINTS = 3
+MOST_RELATED_POINTS = 3
 """Largest number of points that a constraint is tested to relate: distances relate two, angles three."""
 
-SAMPLES = 9
+POINT_SAMPLES = 9
 """Number of equally spaced states of a run that decide on which points a constraint acts."""
 
-ROUND_OFF = 1e-9
+ROW_RESIDUAL = 1e-9
 """Relative residual of a row of G, and relative singular value, that count as zero.
 
 It is far above the rounding of doubles, and far below the residual of a row with a component in another direction.
@@ -131,9 +131,9 @@ class ConstraintForces:
         Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError
         without such a set, and for several sets.
         """
-        places = np.unique(np.linspace(0, len(self.t) - 1, SAMPLES).astype(int)) if len(self.t) else np.arange(0)
+        places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
-        for count in range(1, MOST_POINTS + 1):
+        for count in range(1, MOST_RELATED_POINTS + 1):
             found = [chosen for chosen in combinations(moving, count) if self._relates(chosen, rows, places)]
             if len(found) == 1:
                 return found[0]
@@ -162,6 +162,6 @@ def _unique(slopes: FloatArray, row: FloatArray) -> bool:
     """Return True if row = slopes^T F has exactly one solution F."""
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False
-    force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROUND_OFF)
+    force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROW_RESIDUAL)
     left = np.abs(slopes.T @ force - row).max()
-    return int(rank) == len(slopes) and bool(left <= ROUND_OFF * np.abs(row).max())
+    return int(rank) == len(slopes) and bool(left <= ROW_RESIDUAL * np.abs(row).max())

@@ -31,7 +31,7 @@ In some 1e5 steps of a stiff run it is a factor e. On the imaginary axis its siz
 to 1.0 and at 0.64 to 0.85.
 """
 
-NEAR = 0.6
+NEAR_LIMIT = 0.6
 """Step length, relative to the limit of stability, from which a step is at the limit.
 
 Of the library's scenes only those run at rtol = 1e-3 reach it, up to 0.7; stiff runs vary from about 0.7 to 1.
@@ -181,7 +181,7 @@ def _found(
         kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
         limits = np.array([stability_limit(polynomial, abs(float(np.angle(one)))) for one in eigenvalues[kept]])
         near = abs(step) * sizes[kept] / limits
-        if near.size and near.max() > NEAR and sizes[kept][near.argmax()] > SLOWER * change:
+        if near.size and near.max() > NEAR_LIMIT and sizes[kept][near.argmax()] > SLOWER * change:
             rate = float(sizes[kept][near.argmax()])
             at_limit.append((rate, abs(step) * rate, limits[near.argmax()], rate / max(change, 1e-12 * rate)))
     share = len(at_limit) / len(h)

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, MARGIN, SMALLEST_RTOL, TIGHT_RTOL
+from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
@@ -140,7 +140,7 @@ class TaylorPlan:
 
 def _margin(rtol: float) -> float:
     """Return the fraction of the tolerances that the error of a step is aimed at."""
-    return MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
+    return STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
