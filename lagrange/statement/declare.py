@@ -187,6 +187,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             f"initial is {what}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps its "
             "default."
         )
+    if not given:
+        return base
     rows, values = state_rows(coordinates), list(base)
     if any(key not in rows for key in given):
         given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
