@@ -17,7 +17,7 @@ from lagrange.statement.space import in_space
 Place = tuple[float, float, float]
 """A point of a body of size one, in the axes of the body."""
 
-PARTS = 16
+PARTS = 24
 """Number of straight edges that draw a circle."""
 
 

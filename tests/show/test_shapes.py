@@ -11,6 +11,7 @@ import pytest
 from sympy import diag
 
 import lagrange as lg
+from lagrange.show.figures.run_figure import labels_of
 from lagrange.statement.statement import EDGE, corners
 from lagrange.trajectory.measures.points import points_at
 
@@ -37,7 +38,7 @@ def test_corners_of_a_box_turn_about_its_place() -> None:
     assert sorted(np.round(size[-1], 9) for size in sizes) == [1] * 4 + [2] * 4 + [4] * 4
 
 
-@pytest.mark.parametrize(("kind", "size", "count"), [("ellipsoid", (3, 2, 1), 48), ("disc", 2, 18), ("axes", 2, 3)])
+@pytest.mark.parametrize(("kind", "size", "count"), [("ellipsoid", (3, 2, 1), 72), ("disc", 2, 26), ("axes", 2, 3)])
 def test_outlines_lie_on_their_surface(kind: str, size: Any, count: int) -> None:
     made = lg.shape(kind, None, size)
     places = np.array(made.corners, dtype=float)
@@ -85,3 +86,58 @@ def test_what_is_not_a_shape_is_refused(case: str) -> None:
     with pytest.raises(lg.StatementError, match=sentence) as refusal:
         attempt()
     assert len(str(refusal.value)) <= 400
+
+
+def test_a_scene_states_a_body_by_its_shape(tmp_path: Path) -> None:
+    system = thrown(disc=lg.shape("disc", R, (1, 2, 0), at=(x, y, z)), still=lg.shape("box", None, 2))
+    path = tmp_path / "body.toml"
+    path.write_text(STATED.replace("[1, 2, 0]", "[1, 'R_xx*0 + 2', 0]"))
+    found = lg.System.from_scene(path).statement
+    assert found.links == system.statement.links
+    assert found.positions == system.statement.positions
+
+
+STATED = """
+coordinates = ["x", "y", "z"]
+rotations = ["R"]
+kinetic = "(x_dot**2 + y_dot**2 + z_dot**2 + R_body_x**2 + R_body_y**2 + R_body_z**2)/2"
+potential = "z"
+[positions]
+disc = { shape = "disc", size = [1, 2, 0], rotation = "R", at = ["x", "y", "z"] }
+still = { shape = "box", size = 2 }
+"""
+
+REFUSED_SCENES: dict[str, tuple[str, str, str]] = {
+    "another key": ('shape = "box"', 'shape = "box", side = 2', "side.*is not a key of a shape"),
+    "no size": ('shape = "box", size = 2', 'shape = "box"', 'has no shape or no size: write shape = "disc" and size'),
+    "another kind": ('"box"', '"cube"', "the shape 'cube' is not known"),
+    "another rotation": ('rotation = "R"', 'rotation = "S"', "the rotation of a shape is one of this scene: it has R"),
+    "two sizes": ("size = 2", "size = [1, 2]", "give three values, or one for all"),
+    "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "some positions have two entries and some three"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED_SCENES)
+def test_what_is_not_a_shape_in_a_scene_is_refused_at_its_line(case: str, tmp_path: Path) -> None:
+    old, new, sentence = REFUSED_SCENES[case]
+    path = tmp_path / "body.toml"
+    path.write_text(STATED.replace(old, new.replace("\\n", "\n")))
+    with pytest.raises(lg.SceneError, match=sentence) as refusal:
+        lg.System.from_scene(path)
+    assert refusal.value.line is not None
+
+
+def test_an_overview_has_the_rates_of_bodies() -> None:
+    system = thrown()
+    figure = system.run(1.0).plot()
+    titles = [axis.get_title(loc="left") for axis in figure.axes]
+    assert sum("R_{" in title for title in titles) == 3
+    run = system.run(1.0)
+    shown = [axis.lines[0].get_ydata()[0] for axis in figure.axes[3:6]]
+    assert np.allclose(shown, run[R.body][:, 0])
+
+
+def test_runs_are_named_by_the_rates_that_they_start_with() -> None:
+    system = thrown(tip=R * (1, 0, 0))
+    runs = [system.run(1.0, {R.body: (rate, 0, 0)}) for rate in (1, 2)]
+    assert labels_of(runs, None) == ["R_body_x = 1", "R_body_x = 2"]

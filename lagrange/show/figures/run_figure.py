@@ -17,10 +17,10 @@ from lagrange.show.figures.panel import PanelQuantity, PhasePanel, TimePanel, fi
 from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import FigureStyle, on_paper, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
-from lagrange.statement.coordinate import row_label
+from lagrange.statement.coordinate import name_of, row_label
 from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
-from lagrange.statement.rotation import shorthands
+from lagrange.statement.rotation import rotation_of, shorthands
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 
@@ -42,13 +42,21 @@ class Contents:
         self, solutions: Sequence[Solution], labels: Sequence[str], chosen: Sequence[str] | None, *, merged: bool
     ) -> None:
         self.solutions, self.labels = tuple(solutions), tuple(labels)
-        self.chosen = list(solutions[0].model.statement.names if chosen is None else chosen)
+        statement = solutions[0].model.statement
+        self.chosen = list(statement.names if chosen is None else chosen)
+        self.turned = list(map(rotation_of, statement.rotations if chosen is None else ()))
         self.merged = merged
 
     def overview(self) -> list[Panel]:
-        """Return the panels of the coordinates, of conserved quantities, and of paths if points are named."""
+        """Return the panels of the coordinates, of conserved quantities, and of paths if points are named.
+
+        Rates about the axes of bodies are in place of the entries of their quaternions.
+        """
+        entries = {name_of(q) for each in self.turned for q in each.quaternion}
+        others = [name for name in self.chosen if name not in entries]
+        rates = [panel for each in self.turned for rate in each.body for panel in self.of(rate)]
         momenta = self._over_time(quantities.momenta, wide=True)
-        return [*self.named("coordinates"), *self.named("drift"), *momenta, *self._paths()]
+        return [*self._rows(others), *rates, *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
         """Return the panels of one entry of what=. Raises StatementError for an invalid one."""
@@ -71,8 +79,7 @@ class Contents:
         """Return the panels of a name in `WHAT`. Raises StatementError for runs that have nothing of it."""
         match name:
             case "coordinates" | "velocities":
-                rate = name == "velocities"
-                return self._each(lambda run: quantities.entries(run, self.chosen, merged=self.merged, rate=rate))
+                return self._rows(self.chosen, rate=name == "velocities")
             case "phase":
                 return self._phases()
             case "invariants":
@@ -108,6 +115,10 @@ class Contents:
         found = [of(run) for run in self.solutions]
         kept = [one for one in found if one is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(found) else []
+
+    def _rows(self, names: Sequence[str], *, rate: bool = False) -> list[Panel]:
+        """Return the panels of coordinates by name, or of their velocities with `rate`."""
+        return self._each(lambda run: quantities.entries(run, names, merged=self.merged, rate=rate)) if names else []
 
     def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
         """Return one panel for each of several quantities of the runs."""
@@ -216,7 +227,10 @@ def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> lis
 
 
 def _first(run: Solution) -> dict[Any, float]:
-    return dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
+    """Return the first values of a run by name, those of rates of bodies before those of their quaternions."""
+    turned = map(rotation_of, run.model.statement.rotations)
+    rates = {name_of(rate): float(run[rate][0]) for each in turned for rate in each.body}
+    return rates | dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
 
 
 def _check_alike(solutions: Sequence[Solution]) -> None:

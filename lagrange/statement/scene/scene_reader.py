@@ -40,6 +40,7 @@ from lagrange.statement.scene.expressions import MULTIPLIER, Expressions, read_n
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
+from lagrange.statement.shape import Shape, shape
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Statement
 from lagrange.statement.vocabulary.letters import NAME
 
@@ -57,6 +58,7 @@ TABLE_KEYS = ("argument", "points", "values")
 MOST_RATES = 6
 """Highest order of derivatives of a given function that a scene can state."""
 CONTACT_KEYS = ("gap", "slip", "restitution", "friction")
+SHAPE_KEYS = ("shape", "size", "rotation", "at")
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 EVENT_KEYS = ("when", "direction", "terminal", "reset")
 
@@ -214,7 +216,7 @@ class SceneReader:
                 redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
                 initial={name: document.number("initial", name) for name in initial},
-                positions=self.positions(reader),
+                positions=self.positions(reader, rotations),
                 links=self.links(),
                 name=self.title(),
                 about=document.words("about"),
@@ -491,9 +493,10 @@ class SceneReader:
         table = self.document.table("dimensions", known, "symbol of this scene")
         return {name: self.document.text("dimensions", name) for name in table}
 
-    def positions(self, reader: ExpressionReader) -> dict[str, tuple[Any, ...]]:
-        """Return the named points, two or three expressions each."""
-        points: dict[str, tuple[Any, ...]] = {}
+    def positions(self, reader: ExpressionReader, rotations: Sequence[Rotation]) -> dict[str, tuple[Any, ...] | Shape]:
+        """Return the named points, two or three expressions each, and the shapes of bodies."""
+        points: dict[str, tuple[Any, ...] | Shape] = {}
+        sizes: set[int] = set()
         table = self.document.table("positions")
         for name, entries in table.items():
             with self.document.located("positions", name, key=True):
@@ -502,18 +505,52 @@ class SceneReader:
                 self.document.refuse(
                     "'origin' is the point at zero already: choose another name.", "positions", name, key=True
                 )
-            if not isinstance(entries, list) or len(entries) not in (2, 3):
+            body = isinstance(entries, Mapping)
+            if not body and (not isinstance(entries, list) or len(entries) not in (2, 3)):
                 self.document.refuse(
                     f"the position of {name} is a list of two or three expressions, such as ['x', 'y'].",
                     "positions",
                     name,
                 )
-            if points and len(entries) != len(next(iter(points.values()))):
+            sizes.add(3 if body else len(entries))
+            if len(sizes) > 1:
                 self.document.refuse(
                     "some positions have two entries and some three: give all of them as many.", "positions", name
                 )
-            points[name] = tuple(self.document.expression(reader, "positions", name, i) for i in range(len(entries)))
+            if body:
+                points[name] = self.shape(reader, entries, rotations, "positions", name)
+            else:
+                place = ("positions", name)
+                points[name] = tuple(self.document.expression(reader, *place, i) for i in range(len(entries)))
         return points
+
+    def shape(
+        self, reader: ExpressionReader, table: Mapping[str, Any], rotations: Sequence[Rotation], *place: str
+    ) -> Shape:
+        """Return the shape of a body in a table of [positions], such as { shape = "disc", size = "r", rotation = "R" }.
+
+        Without a rotation it does not turn, and without `at` its centre is at the origin.
+        """
+        self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *place)
+        if "shape" not in table or "size" not in table:
+            self.document.refuse('a body to draw has no shape or no size: write shape = "disc" and size = "r".', *place)
+
+        def vector(key: str) -> Any:
+            if not isinstance(table[key], list):
+                return self.document.expression(reader, *place, key)
+            return [self.document.expression(reader, *place, key, i) for i in range(len(table[key]))]
+
+        turned = {each.name: each for each in rotations}
+        if table.get("rotation", None) not in (None, *turned):
+            known = listing(turned) or "none"
+            self.document.refuse(f"the rotation of a shape is one of this scene: it has {known}.", *place, "rotation")
+        with self.document.located(*place):
+            return shape(
+                self.document.text(*place, "shape"),
+                turned.get(table.get("rotation", "")),
+                vector("size"),
+                vector("at") if "at" in table else (0, 0, 0),
+            )
 
     def links(self) -> list[Link]:
         """Return the links: pairs of points, each drawn as a rod or as a spring."""

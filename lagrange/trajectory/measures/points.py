@@ -21,8 +21,11 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
     link names it. Empty without stated positions.
     """
     statement = model.statement
-    entries = [node_of(part, statement, model.equations) for point in statement.drawn.values() for part in point]
-    found = model.called(model.function("points", tuple(entries)), t, y, parameters) if entries else np.empty(0)
+    if "points" not in model.prepared:
+        parts = (part for point in statement.drawn.values() for part in point)
+        model.prepared["points"] = tuple(node_of(part, statement, model.equations) for part in parts)
+    entries = model.prepared["points"]
+    found = model.called(model.function("points", entries), t, y, parameters) if entries else np.empty(0)
     sizes = np.cumsum([len(point) for point in statement.drawn.values()])
     points = dict(zip(statement.drawn, np.split(found, sizes[:-1]), strict=True)) if entries else {}
     if points and ORIGIN not in points and any(ORIGIN in (link.start, link.end) for link in statement.links):
