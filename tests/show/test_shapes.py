@@ -133,7 +133,7 @@ def test_an_overview_has_the_rates_of_bodies() -> None:
     titles = [axis.get_title(loc="left") for axis in figure.axes]
     assert sum("R_{" in title for title in titles) == 3
     run = system.run(1.0)
-    shown = [axis.lines[0].get_ydata()[0] for axis in figure.axes[3:6]]
+    shown = [np.asarray(axis.lines[0].get_ydata())[0] for axis in figure.axes[3:6]]
     assert np.allclose(shown, run[R.body][:, 0])
 
 
