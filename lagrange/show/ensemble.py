@@ -58,8 +58,9 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.outputs import output_times
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.run import compiled, output_times, span_or_end
+from lagrange.trajectory.run import compiled, span_or_end
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:

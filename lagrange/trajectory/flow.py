@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.state import NO_OUTPUTS, DriverState, Outcome, Outputs
 from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
@@ -26,6 +26,7 @@ from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.outputs import output_times
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
 from lagrange.trajectory.sizes import raise_to_noise, survey
@@ -54,7 +55,7 @@ class _Prepared(threading.local):
 class Flow:
     """Function of (y0, t0, t1, parameters) that returns the state (2n,) at t1 of the run from (t0, y0).
 
-    Threads may share a flow.
+    For a list of N times in place of t1 it returns the states at them, (2n, N). Threads may share a flow.
     """
 
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
@@ -95,10 +96,11 @@ class Flow:
         return Flow, (self._model, self._options)
 
     def __call__(
-        self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | FloatArray | None = None
+        self, y0: ArrayLike, t0: float, t1: ArrayLike, parameters: Mapping[Any, Any] | FloatArray | None = None
     ) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there.
 
+        If t1 is a list of N times, sorted in the direction of the run, the result has the states at them, (2n, N).
         `parameters` is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start
         that is off the constraints by rounding is moved onto them; beyond that StatementError names the constraint.
         """
@@ -108,8 +110,13 @@ class Flow:
         start = real_array(y0, "y0")
         if start.shape != (self._dimension,):
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
-        if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
-            t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
+        times = None
+        if type(t0) is not float or type(t1) is not float or not math.isfinite(t1 - t0):
+            t0 = real_number(t0, "the first time")
+            if isinstance(t1, (Sequence, np.ndarray)) and not isinstance(t1, str) and np.ndim(t1):
+                t1, times = self._last(t0, t1)
+            else:
+                t1 = real_number(t1, "the last time")
         if self._given:
             check_span(self._model.statement, t0, t1)
         if self._constrained:
@@ -117,16 +124,45 @@ class Flow:
             start = consistent_start(self._model, t0, start, array)
             check_independent(self._model, t0, start, array)
         if t0 == t1:
-            return start.copy()
-        if self._plan is None:
-            return self._by_run(start, t0, t1, parameters)
+            return start.copy() if times is None else np.repeat(start[:, None], len(times), axis=1)
+        if self._plan is None or (times is not None and not (self._plan.writes_outputs and not self._constrained)):
+            found = self._by_run(start, t0, t1, parameters, times)
+            return found[:, -1].copy() if times is None else found
         driver, state = self._driver(self._plan, parameters)
         self._begin(self._plan, state, start, t0, t1)
+        if times is not None:
+            return self._at_times(driver, state, start, (t0, t1), parameters, times)
         if self._rtol:
             known = self._over_no_crossing(driver, state, (t0, start), array)
         else:
             known = self._to_end(driver, state, parameters)
-        return state.y.copy() if known else self._by_run(start, t0, t1, parameters)
+        return state.y.copy() if known else self._by_run(start, t0, t1, parameters)[:, -1].copy()
+
+    def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
+        """Return the last of some output times, and all. Raises StatementError for times that are not sorted."""
+        last = real_array(times, "the times").ravel()[-1:]
+        t1 = float(last[0]) if last.size else t0
+        checked = output_times(times, t0, t1, self._dimension)
+        return t1, np.empty(0) if checked is None else checked
+
+    def _at_times(
+        self,
+        driver: Driver,
+        state: DriverState,
+        start: FloatArray,
+        span: tuple[float, float],
+        parameters: Mapping[Any, Any] | None,
+        times: FloatArray,
+    ) -> FloatArray:
+        """Return the states at output times (2n, N), which the steps of the driver write."""
+        state.outputs = outputs = Outputs(times, self._dimension)
+        try:
+            if self._to_end(driver, state, parameters):
+                end = state.y[:, None].copy()
+                return outputs.joined(times, lambda _rest: end)
+        finally:
+            state.outputs = NO_OUTPUTS
+        return self._by_run(start, *span, parameters, times)
 
     def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
         """Advance to the end of a run; return True if it was reached."""
@@ -216,12 +252,22 @@ class Flow:
         state.counts.fill(0)
         state.y[:] = y0
 
-    def _by_run(self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None) -> FloatArray:
-        """Return the last state (2n,) of a run by the integrator. Raises RunError with its message if it failed."""
+    def _by_run(
+        self,
+        y0: FloatArray,
+        t0: float,
+        t1: float,
+        parameters: Mapping[Any, Any] | None,
+        times: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return states (2n, N) of a run by the integrator, the last of them at t1.
+
+        With `times` they are the states at these. Raises RunError with the message of a run that failed.
+        """
         values = self._model.parameter_values(parameters)
-        problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
+        problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)
         run = partial(run_by, self._integrator)
         trajectory = run_through_contacts(problem, run) if self._model.statement.contacts else run(problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
-        return trajectory.y[:, -1].copy()
+        return trajectory.y

@@ -7,9 +7,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
+from lagrange.statement.number import real_array
 from lagrange.trajectory.constraints.approach import Approach
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks
@@ -17,6 +20,9 @@ from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
+
+SPAN_ROUND_OFF = 1e-12
+"""Output times beyond an end of the span by less than this relative amount are set to that end."""
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
@@ -193,3 +199,35 @@ class FollowedSteps:
         if self._done < until:
             self._path_of(times, states).write(self._wanted[self._done : until], self._y[:, self._done : until])
             self._done = until
+
+
+def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
+    """Return the output times as an array (N,), or None; the state has `width` entries at each.
+
+    Raises StatementError for times outside the span and times that are not sorted in the direction of the run.
+    """
+    if t_eval is None:
+        return None
+    times = real_array(t_eval, "t_eval", width=width)
+    if times.ndim != 1:
+        raise StatementError(
+            f"t_eval has shape {times.shape}: give a list of times, such as np.linspace({t0:g}, {t1:g}, 1000)."
+        )
+    low, high = min(t0, t1), max(t0, t1)
+    sorted_along = times[1:] >= times[:-1] if t1 >= t0 else times[1:] <= times[:-1]
+    ends = (float(times[0]), float(times[-1])) if times.size and sorted_along.all() else (-math.inf, math.inf)
+    if low <= min(ends) and max(ends) <= high:
+        return times
+    slack = SPAN_ROUND_OFF * (high - low)
+    if times.size and not (times.min() >= low and times.max() <= high):
+        times = np.where((times > high) & (times <= high + slack), high, times)
+        times = np.where((times < low) & (times >= low - slack), low, times)
+        outside = times[~((times >= low) & (times <= high))]
+        if outside.size:
+            raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
+    direction = 1 if t1 >= t0 else -1
+    if (np.diff(times) * direction < 0).any():
+        raise StatementError(
+            "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
+        )
+    return times

@@ -22,7 +22,7 @@ from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.given.function import check_span, require_values
-from lagrange.statement.number import flag, real_array, real_number
+from lagrange.statement.number import flag, real_number
 from lagrange.statement.progress import compiling, progress_bar
 from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
@@ -36,15 +36,13 @@ from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.outputs import output_times
 from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.parts import run_in_segments
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun
 from lagrange.trajectory.solution import Solution
-from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-
-SPAN_ROUND_OFF = 1e-12
-"""Output times beyond an end of the span by less than this relative amount are set to that end."""
+from lagrange.trajectory.trajectory import Status, Trajectory
 
 
 def integrate(
@@ -158,8 +156,9 @@ def flow(
 ) -> Flow:
     """Prepare the flow of a model: a function of (y0, t0, t1, parameters=None) that maps y0 (2n,) to y1 (2n,).
 
-    The driver is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError if
-    the run does not reach t1. Raises StatementError for an unknown method or a setting that it does not take.
+    For a list of N times in place of t1 it returns the states at them, (2n, N). The driver is prepared once: a call
+    costs a few microseconds beside the steps themselves. Calls raise RunError if the run does not reach t1. Raises
+    StatementError for an unknown method or a setting that it does not take.
     """
     return Flow(model, RunOptions(method, rtol, atol, step, max_steps=max_steps))
 
@@ -307,35 +306,3 @@ def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
     if isinstance(span, (Sequence, np.ndarray)):
         return time_span(span)
     return 0.0, real_number(span, "t_end")
-
-
-def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
-    """Return the output times as an array (N,), or None; the state has `width` entries at each.
-
-    Raises StatementError for times outside the span and times that are not sorted in the direction of the run.
-    """
-    if t_eval is None:
-        return None
-    times = real_array(t_eval, "t_eval", width=width)
-    if times.ndim != 1:
-        raise StatementError(
-            f"t_eval has shape {times.shape}: give a list of times, such as np.linspace({t0:g}, {t1:g}, 1000)."
-        )
-    low, high = min(t0, t1), max(t0, t1)
-    sorted_along = times[1:] >= times[:-1] if t1 >= t0 else times[1:] <= times[:-1]
-    ends = (float(times[0]), float(times[-1])) if times.size and sorted_along.all() else (-math.inf, math.inf)
-    if low <= min(ends) and max(ends) <= high:
-        return times
-    slack = SPAN_ROUND_OFF * (high - low)
-    if times.size and not (times.min() >= low and times.max() <= high):
-        times = np.where((times > high) & (times <= high + slack), high, times)
-        times = np.where((times < low) & (times >= low - slack), low, times)
-        outside = times[~((times >= low) & (times <= high))]
-        if outside.size:
-            raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
-    direction = 1 if t1 >= t0 else -1
-    if (np.diff(times) * direction < 0).any():
-        raise StatementError(
-            "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
-        )
-    return times
