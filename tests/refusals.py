@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+import sympy
 
 from lagrange.errors import StatementError
 
@@ -15,3 +16,10 @@ def refusal(call: Callable[..., Any], *arguments: Any, **named: Any) -> str:
     with pytest.raises(StatementError) as raised:
         call(*arguments, **named)
     return str(raised.value)
+
+
+def nested(inner: Any, levels: int) -> Any:
+    """Return an expression of many levels, which SymPy's recursive functions cannot read."""
+    for _ in range(levels):
+        inner = sympy.sin(inner, evaluate=False)
+    return inner

@@ -28,7 +28,7 @@ from lagrange.statement.coordinate import (
     velocity_of,
 )
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full, is_shorthand
+from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full, is_shorthand, refusing_deep
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import one_of, real_number, text
@@ -56,6 +56,7 @@ ORIGIN = "origin"
 """Name of the point at zero. Links may name it; no position may redefine it."""
 
 
+@refusing_deep
 def declare(
     *,
     kinetic: Any = None,

@@ -11,7 +11,7 @@ from sympy.functions.elementary.trigonometric import InverseTrigonometricFunctio
 
 from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t, velocity_of
-from lagrange.statement.expression import entries, expression, in_full, vector
+from lagrange.statement.expression import entries, expression, in_full, refusing_deep, vector
 from lagrange.statement.given.motion import motion_of
 
 
@@ -55,6 +55,7 @@ def first_order_remedy(rate: str) -> str:
     )
 
 
+@refusing_deep
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector (k,) of any length or one expression.
 
@@ -67,6 +68,7 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
+@refusing_deep
 def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2.
 
@@ -179,6 +181,7 @@ def _tensor(inertia: Any, k: int) -> Any:
     return sympy.Matrix([vector(row, f"row {i} of the inertia") for i, row in enumerate(rows)])
 
 
+@refusing_deep
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
     """Return m g times the height of `position` (k,) along `up` (k,), by default the last axis: y, in space z.
 
@@ -195,6 +198,7 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
     return weight * sum((d * x for d, x in zip(direction, point, strict=True)), sympy.S.Zero) / length
 
 
+@refusing_deep
 def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None = None, rest_length: Any = 0) -> Any:
     """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension.
 

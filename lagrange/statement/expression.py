@@ -7,9 +7,10 @@ SymPy only through this module, entry by entry.
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
+from functools import wraps
 from itertools import islice
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import sympy
@@ -26,6 +27,29 @@ MOST_LEVELS = 400
 level."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Return a function that refuses expressions in which SymPy overflows Python's stack.
+
+    Products and derivatives take up to eight nested calls for each level, and so overflow below `DEEPEST` levels.
+    """
+
+    @wraps(function)
+    def refused(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        try:
+            return function(*args, **kwargs)
+        except RecursionError:
+            raise StatementError(
+                "an expression is nested too deeply for SymPy: give symbols to its inner parts, or write it with fewer "
+                "levels."
+            ) from None
+
+    return refused
 
 
 def expression(value: Any, what: str) -> Any:

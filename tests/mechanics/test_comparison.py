@@ -17,7 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.mechanics.grading.student_equations import spelled
 from lagrange.mechanics.grading.term_difference import expanded
 from tests.models import shared_scene
-from tests.public.values import nested
+from tests.refusals import nested
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")
 SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "swinging-atwood-machine", "henon-heiles")

@@ -19,7 +19,8 @@ import lagrange as lg
 from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
-from tests.public.values import KINDS, MADE, Hostile, nested
+from tests.public.values import KINDS, MADE, Hostile
+from tests.refusals import nested
 
 SEED = 20_240_229
 LONGEST = 120.0

@@ -15,6 +15,7 @@ import numpy as np
 import sympy
 
 import lagrange as lg
+from tests.refusals import nested
 
 X = lg.coordinate("x")
 U = sympy.Symbol("u")
@@ -32,13 +33,6 @@ def itself() -> list[Any]:
     made: list[Any] = [1.0]
     made.append(made)
     return made
-
-
-def nested(inner: Any, levels: int) -> Any:
-    """Return an expression of many levels, which SymPy's recursive functions cannot read."""
-    for _ in range(levels):
-        inner = sympy.sin(inner, evaluate=False)
-    return inner
 
 
 NUMBERS: list[Any] = [

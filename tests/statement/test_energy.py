@@ -13,6 +13,7 @@ from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinates, parameters
 from lagrange.statement.declare import declare
 from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
+from tests.refusals import nested
 
 x, y, theta = coordinates("x y theta")
 m, g, l, k, a = parameters("m g l k a")
@@ -151,6 +152,23 @@ REFUSALS: list[tuple[Any, str]] = [
     ),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
 ]
+
+
+def nested_squares(inner: Any) -> Any:
+    for _ in range(180):
+        inner = sympy.Add(sympy.Pow(inner, 2, evaluate=False), 1, evaluate=False)
+    return inner
+
+
+def test_expressions_of_many_levels_are_refused() -> None:
+    deep = nested(x, 350)
+    for call in (
+        lambda: kinetic_energy(m, (deep, y)),
+        lambda: rotational_energy(nested_squares(x), [w1, w2]),
+        lambda: declare(kinetic=x.dot**2, potential=nested_squares(x)),
+    ):
+        with pytest.raises(StatementError, match="nested too deeply for SymPy: give symbols to its inner parts"):
+            call()
 
 
 @pytest.mark.parametrize(("call", "message"), REFUSALS, ids=[message[:30] for _, message in REFUSALS])
