@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.integrate import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
@@ -210,10 +210,10 @@ def module_of(
     called = [*(LAWS[step.law].quantity for _, step in asked.methods), *(["projection"] if projected else [])]
     every = programs | {name: model.law(name).program for name in called}
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
-    prepared = Prepared.of([*every.values(), alone] if alone else [*every.values()])
+    prepared = PreparedLayout.of([*every.values(), alone] if alone else [*every.values()])
     names = names_of(model)
 
-    def evaluated(program: Program, prepared: Prepared, name: str, about: str) -> Procedure:
+    def evaluated(program: Program, prepared: PreparedLayout, name: str, about: str) -> Procedure:
         return kernel(program, prepared, name, about, names=names.of(program))
 
     procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in every.items()}
@@ -410,7 +410,7 @@ def divisors(model: Model) -> Program | None:
     return model.function("divisors", entries).program if entries else None
 
 
-def fixed(entries: Program, prepared: Prepared) -> list[int]:
+def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
     """Return the indices among the prepared numbers of the entries that depend on parameters alone."""
     slots, code = prepared.of_program(entries), entries.instructions
     return [

@@ -373,7 +373,7 @@ class PrintedFunction:
     unused: tuple[str, ...]
 
 
-class Functions:
+class PrintedFunctions:
     """The functions of a module in a language. Without `statuses` they do not report a divisor that is zero."""
 
     def __init__(self, module: SourceModule, language: Language, *, statuses: bool = True) -> None:

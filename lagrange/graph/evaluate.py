@@ -21,7 +21,7 @@ BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 
 
 @dataclass(frozen=True)
-class Numbers:
+class NumberType:
     """A type of numbers with the operations and functions of nodes on it, and the conversion of a fraction."""
 
     number: Callable[[Fraction], Any]
@@ -71,7 +71,7 @@ def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], 
     return rows
 
 
-def _value(node: Node, args: list[Any], numbers: Numbers) -> Any:
+def _value(node: Node, args: list[Any], numbers: NumberType) -> Any:
     if node.kind is Kind.CONSTANT:
         return numbers.number(node.data)
     if node.kind is Kind.SUM:
@@ -123,9 +123,9 @@ def precise(digits: int) -> Any:
 
 
 @cache
-def _numbers_of(context: Any) -> Numbers:
+def _numbers_of(context: Any) -> NumberType:
     """Return the numbers of an mpmath context."""
-    return Numbers(
+    return NumberType(
         number=lambda value: context.mpf(value.numerator) / value.denominator,
         total=context.fsum,
         product=context.fprod,
@@ -151,7 +151,7 @@ DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 """Functions of nodes in doubles, on numbers or arrays; programs use them too."""
 
-DOUBLES = Numbers(
+DOUBLES = NumberType(
     number=float,
     total=sum,
     product=math.prod,

@@ -65,7 +65,7 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """Memory of a run with events, for states of a `size`; see `EventRun`, `Review` and `Watch`.
+    """Memory of a run with events, for states of a `size`; see `EventRun`, `Review` and `ReviewedEvents`.
 
     Steps that are not reviewed yet are rows of `times` and `states` from row 1 on. Row 0 is the state before them.
     """

@@ -14,11 +14,11 @@ from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.members.along import Sampled, table_of_points
 from lagrange.algorithm.members.occurrences import Events
-from lagrange.algorithm.members.paths import DenseOutput
-from lagrange.algorithm.members.queue import COUNTED, Members, Numbers, Observed
+from lagrange.algorithm.members.paths import MemberDenseOutput
+from lagrange.algorithm.members.queue import COUNTED, Members, Observed, SystemNumbers
 from lagrange.algorithm.members.step_review import StepEvents
 from lagrange.algorithm.members.steps import StepMembers
 from lagrange.algorithm.members.taylor import TaylorMembers
@@ -61,7 +61,7 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 
 @dataclass(frozen=True)
-class Watched:
+class MemberEvents:
     """Event functions of members: `nodes` with their reactions.
 
     The first `events` of them are the user's; the others are roots.
@@ -72,7 +72,7 @@ class Watched:
     events: int
 
     @classmethod
-    def of(cls, impacts: Sequence[Impact]) -> Watched | None:
+    def of(cls, impacts: Sequence[Impact]) -> MemberEvents | None:
         """Return the event functions and reactions of some impacts, or None without impacts."""
         if not impacts:
             return None
@@ -96,7 +96,7 @@ class Watched:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class MemberTasks:
     """Work of the machine code besides steps.
 
     `reductions` are evaluated along the steps, `path` is the dense output that they need, `varying` is True if each
@@ -106,7 +106,7 @@ class Wanted:
     reductions: tuple[Reduction, ...]
     path: StepPolynomial | None
     varying: bool
-    watched: Watched | None = None
+    watched: MemberEvents | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class Compiled:
     events: int
 
 
-def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
+def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     """Compile the members of a model for a plan."""
     laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     step = plan.step if isinstance(plan, StepPlan) else None
@@ -139,7 +139,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
     if wanted.watched is not None:
         along = plan.series.program.values if isinstance(plan, TaylorPlan) else None
         laws["watched"] = along or model.function("events", wanted.watched.nodes).program
-    prepared = Prepared.of([*laws.values()])
+    prepared = PreparedLayout.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
     observed = _observed(kernels, model.layout)
@@ -155,7 +155,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
         series = TaylorProcedures(plan.series.program, prepared.size, watches=wanted.watched is not None)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         jet = _jet(series, plan.order)
-        numbers = Numbers(size, parameters, preparing if wanted.varying else None)
+        numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
         events = None if wanted.watched is None else _events(plan, wanted.watched, kernels["watched"])
         members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
         if wanted.watched is not None:
@@ -163,8 +163,8 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
             read |= {"sizes": sizes, **wanted.watched.arrays(model.layout.size)}
     else:
         assert step is not None
-        numbers = Numbers(size, parameters, preparing if wanted.varying else None)
-        dense = None if wanted.path is None else DenseOutput(wanted.path, kernels["rhs"])
+        numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
+        dense = None if wanted.path is None else MemberDenseOutput(wanted.path, kernels["rhs"])
         watch = None
         if wanted.path is not None:
             read["table"] = wanted.path.table
@@ -179,7 +179,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
     return Compiled(code, made, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events)
 
 
-def _events(plan: TaylorPlan, watched: Watched, values: Procedure) -> Events:
+def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> Events:
     """Return the description of the event functions for the code of members."""
     program = plan.series.program
     changing = any(one.terminal for one in watched.reactions)
@@ -348,8 +348,8 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
-    watched = Watched.of(_impacts(plan, problem))
-    wanted = Wanted(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
+    watched = MemberEvents.of(_impacts(plan, problem))
+    wanted = MemberTasks(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
     kept = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), wanted
     if key not in kept:

@@ -49,7 +49,7 @@ from lagrange.procedure.form import (
     When,
     result_kind,
 )
-from lagrange.procedure.values import VALUES, Entries, Fields, Flag, Memory, Real, Value, Variable, Whole
+from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
 from lagrange.procedure.verify import verify
 
 
@@ -76,7 +76,7 @@ class GivenFunction:
         return self._builder.call_given(self.ref, self._callee, args)
 
 
-class Branches:
+class OpenBranches:
     """A branch under construction, whose second block is still open."""
 
     def __init__(self, builder: Builder, place: int) -> None:
@@ -124,7 +124,7 @@ class Builder:
 
     def record(self, name: str, record: Record) -> Any:
         """Return a record that is a parameter."""
-        return Fields(self, self._parameter(name, record), record)
+        return RecordFields(self, self._parameter(name, record), record)
 
     def function(self, name: str, callee: Callee) -> GivenFunction:
         """Return a function that is a parameter."""
@@ -297,7 +297,7 @@ class Builder:
         ref = self.unused()
         self.add(ReserveRecord(ref, record))
         self.names[ref] = name or record.name.lower()
-        return Fields(self, ref, record)
+        return RecordFields(self, ref, record)
 
     def part(self, memory: Memory, start: Any) -> Memory:
         """Return the part of an array from an index on."""
@@ -334,9 +334,9 @@ class Builder:
             self._constants.pop()
 
     @contextmanager
-    def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[Branches]:
+    def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[OpenBranches]:
         """Run the body if the condition holds; yields an object whose `otherwise` opens the second branch."""
-        branches = Branches(self, len(self.current))
+        branches = OpenBranches(self, len(self.current))
         with self.block() as body:
             yield branches
         self.add(When(condition.ref, tuple(body), likely=likely))

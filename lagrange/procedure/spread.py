@@ -85,11 +85,11 @@ class Spreads:
         """Return the spread of a procedure with the arguments shared as in the signature."""
         key = procedure, signature
         if key not in self.known:
-            self.known[key] = _Search(self, procedure, signature).spread()
+            self.known[key] = _SpreadSearch(self, procedure, signature).spread()
         return self.known[key]
 
 
-class _Search(Visitor):
+class _SpreadSearch(Visitor):
     """Fixed-point iteration over a procedure, until no further value differs: loops carry variables back."""
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:

@@ -258,7 +258,7 @@ class Memory:
         return self.builder.part(self, start)
 
 
-class Fields:
+class RecordFields:
     """A record: its fields are read and set as attributes."""
 
     def __init__(self, builder: Builder, ref: int, record: Record) -> None:
@@ -285,4 +285,4 @@ class Fields:
         return record.kind(name)
 
 
-__all__ = ["Entries", "Fields", "Flag", "Memory", "Part", "Real", "Value", "Variable", "Whole"]
+__all__ = ["Entries", "Flag", "Memory", "Part", "Real", "RecordFields", "Value", "Variable", "Whole"]

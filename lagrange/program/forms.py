@@ -162,7 +162,7 @@ class _ByParts:
             if not self.split(momentum):
                 return None
         left: dict[int, Expansion] = {}
-        behind = _Behind()
+        behind = _FinishedCoordinates()
         for i in sorted(range(len(self.p)), key=lambda i: self.p[i].id):
             slope = _expanded(self.slopes[self.p[i]], self.whole)
             if slope is None:
@@ -212,7 +212,7 @@ def _term(node: Node) -> _Term:
     return (node,), coefficient
 
 
-class _Behind:
+class _FinishedCoordinates:
     """The coordinates whose equations are finished.
 
     Each has its force, the slope of its momentum, and the difference of both.

@@ -1,7 +1,7 @@
 """One step of an integrator as a program: written once in plain Python, traced to calls and combinations.
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
-arrays it computes; given the `Vector`s of this module it leaves a record that a machine compiles, with every
+arrays it computes; given the `TracedVector`s of this module it leaves a record that a machine compiles, with every
 argument and result a linear combination of the state and the slopes found so far. What it calls is one of `LAWS`.
 
 An implicit step has one more argument, `solve`, which introduces unknown vectors. Backward Euler is
@@ -190,7 +190,7 @@ def trace(
     graph = Graph()
     states = LAWS[law].states
     time, h = graph.symbol("t", Binding.TIME), graph.symbol("h", Binding.TIME)
-    given = [Vector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
+    given = [TracedVector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
     recorder = Recorder(name, law, graph, len(given))
     try:
         returned = function(recorder.call, time, *given, h, *([Solver(recorder)] if implicit else []))
@@ -235,7 +235,7 @@ def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
 
 def _check_results(name: str, found: Sequence[Any], states: int, control: Control | None) -> None:
     errors = 0 if control is None else states * (2 if control.damped else 1)
-    if len(found) != states + errors or not all(isinstance(vector, Vector) for vector in found):
+    if len(found) != states + errors or not all(isinstance(vector, TracedVector) for vector in found):
         raise StatementError(
             f"step function {name} returns {len(found)} values; it must return {states} new state vector(s)"
             + (f" and {errors} error vector(s)." if errors else ".")
@@ -246,7 +246,7 @@ def _shown(combination: Combination, names: Sequence[str]) -> str:
     return " + ".join(f"{c!r} {names[i]}" for i, c in combination) or "0"
 
 
-class Vector:
+class TracedVector:
     """A linear combination of a step's vectors, to trace with in place of an array."""
 
     __slots__ = ("terms",)
@@ -255,36 +255,36 @@ class Vector:
     def __init__(self, terms: Mapping[int, Node]) -> None:
         self.terms = dict(terms)
 
-    def __add__(self, other: Vector | float) -> Vector:
-        if not isinstance(other, Vector):
+    def __add__(self, other: TracedVector | float) -> TracedVector:
+        if not isinstance(other, TracedVector):
             if other == 0:
                 return self
             raise StatementError("a step function adds a number to a vector: a step is a combination of vectors.")
         total = dict(self.terms)
         for i, coefficient in other.terms.items():
             total[i] = total[i] + coefficient if i in total else coefficient
-        return Vector({i: c for i, c in total.items() if c is not c.graph.zero})
+        return TracedVector({i: c for i, c in total.items() if c is not c.graph.zero})
 
     __radd__ = __add__
 
-    def __mul__(self, factor: Node | Exact | float) -> Vector:
-        if isinstance(factor, Vector):
+    def __mul__(self, factor: Node | Exact | float) -> TracedVector:
+        if isinstance(factor, TracedVector):
             raise StatementError("a step function multiplies two vectors: a step is a combination of vectors.")
         scaled = {i: coefficient * factor for i, coefficient in self.terms.items()}
-        return Vector({i: c for i, c in scaled.items() if c is not c.graph.zero})
+        return TracedVector({i: c for i, c in scaled.items() if c is not c.graph.zero})
 
     __rmul__ = __mul__
 
-    def __truediv__(self, divisor: Node | Exact | float) -> Vector:
-        return Vector({i: coefficient / divisor for i, coefficient in self.terms.items()})
+    def __truediv__(self, divisor: Node | Exact | float) -> TracedVector:
+        return TracedVector({i: coefficient / divisor for i, coefficient in self.terms.items()})
 
-    def __neg__(self) -> Vector:
+    def __neg__(self) -> TracedVector:
         return self * -1
 
-    def __sub__(self, other: Vector | float) -> Vector:
+    def __sub__(self, other: TracedVector | float) -> TracedVector:
         return self + -other
 
-    def __rsub__(self, other: Vector | float) -> Vector:
+    def __rsub__(self, other: TracedVector | float) -> TracedVector:
         return -self + other
 
     def combination(self) -> Combination:
@@ -304,10 +304,10 @@ class Recorder:
         self.solves = 0
         self.ratio = graph.symbol("ratio", Binding.TIME)
 
-    def new(self) -> Vector:
+    def new(self) -> TracedVector:
         """Return a vector with the next number."""
         self.vectors += 1
-        return Vector({self.vectors - 1: self.graph.one})
+        return TracedVector({self.vectors - 1: self.graph.one})
 
     def call(self, at: Any, *arguments: Any) -> Any:
         """Record an evaluation of the law and return its results as vectors: the function f, a or g of a step."""
@@ -317,7 +317,7 @@ class Recorder:
                 f"step function {self.name} calls f with t and {len(arguments)} vectors: it takes {wanted}."
             )
         for argument in arguments:
-            if not isinstance(argument, Vector):
+            if not isinstance(argument, TracedVector):
                 raise StatementError(
                     f"step function {self.name} calls f with {type(argument).__name__}, not with a state: give it a "
                     "combination of the state, slopes and unknowns."
@@ -362,7 +362,7 @@ class Recorder:
         self.solves += 1
         return tuple(unknowns) if several else unknowns[0]
 
-    def damp(self, factor: Any, vector: Vector) -> Vector:
+    def damp(self, factor: Any, vector: TracedVector) -> TracedVector:
         """Record a damped vector; see `Solver`."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
@@ -383,7 +383,7 @@ class Recorder:
             self.inside = None
         several = isinstance(returned, (tuple, list))
         vectors = tuple(returned) if several else (returned,)
-        if not all(isinstance(vector, Vector) for vector in vectors):
+        if not all(isinstance(vector, TracedVector) for vector in vectors):
             raise StatementError(
                 f"step function {self.name} gives solve something that is not a combination of vectors: guesses, "
                 "residuals and predictions add vectors and multiply them by numbers made of t and h."

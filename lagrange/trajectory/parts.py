@@ -108,7 +108,7 @@ def joined(
 
 
 @dataclass(frozen=True, eq=False)
-class _Behind:
+class _AfterEvent:
     """The state `y` (2n,) and the parameters after an event. `result` ends the run if the reset is impossible."""
 
     y: FloatArray
@@ -196,7 +196,7 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
     return Status.SUCCESS if parts[-1].span[1] == problem.t1 else None
 
 
-def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _Behind:
+def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _AfterEvent:
     """Return the state and the parameters after the events `acting` at time t; `before` (2n,) is the state there."""
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
     effects = impacts(model, resets)
@@ -211,15 +211,15 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
             free = old == segment.parameters[symbol] or np.isclose(old, value, rtol=ALIKE, atol=0.0)
             parameters[symbol] = value if free else np.nan
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
-        return _Behind(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
+        return _AfterEvent(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
     named = {row for impact in effects for row in impact.rows}
     follows = [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
     y[follows] = 0.0
     try:
         array = model.parameter_array(parameters)
-        return _Behind(consistent_start(model, t, y, array), parameters, EventResult())
+        return _AfterEvent(consistent_start(model, t, y, array), parameters, EventResult())
     except StatementError as refusal:
-        return _Behind(y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}"))
+        return _AfterEvent(y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}"))
 
 
 def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:

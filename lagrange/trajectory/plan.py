@@ -250,7 +250,7 @@ class IdleDriver(NamedTuple):
 
 
 @dataclass(eq=False)
-class Prepared:
+class PreparedPlan:
     """A plan, the method that made it, and its idle drivers by the bytes of their parameters.
 
     `span` is the only span of time for which the plan holds, None for any. `steps` is the number of steps of the last
@@ -306,23 +306,23 @@ class Prepared:
         drop_oldest(self.idle, DRIVERS_KEPT)
 
 
-def prepared(method: Planned, problem: Problem) -> Prepared:
+def prepared(method: Planned, problem: Problem) -> PreparedPlan:
     """Return the plan of a method for a problem, reused from a former run of the model if it is valid for this one.
 
     Methods and events are compared by identity, since a comparison of two tableaux takes longer than a new plan.
     """
     if not isinstance(problem, Problem):
-        return Prepared(method.plan(problem))
+        return PreparedPlan(method.plan(problem))
     options = problem.rtol, problem.atol, problem.step
     if not (_is_key(options[0]) and _is_key(options[1]) and _is_key(options[2])):
-        return Prepared(method.plan(problem))
+        return PreparedPlan(method.plan(problem))
     watched = (problem.events,) if problem.events else ()
     kept, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
-    found: Prepared | None = kept.get(key)
+    found: PreparedPlan | None = kept.get(key)
     if found is None or found.span not in (None, span):
         plan = method.plan(problem)
         whenever = plan.tolerances.rtol > 0.0 and plan.tolerances.longest == math.inf
-        found = Prepared(plan, method, None if whenever else span, {} if found is None else found.idle)
+        found = PreparedPlan(plan, method, None if whenever else span, {} if found is None else found.idle)
         kept[key] = found
         drop_oldest(kept, PLANS_KEPT)
     return found

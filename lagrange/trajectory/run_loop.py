@@ -42,7 +42,7 @@ from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry, memory_limit
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
-from lagrange.trajectory.plan import PathFunction, Plan, Planned, Prepared, StepPlan, Watcher, prepared
+from lagrange.trajectory.plan import PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -77,7 +77,7 @@ GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     """Run a problem by a plan and return its trajectory; `name` is the method's name in messages."""
-    return _within_time(problem, name, lambda: Prepared(plan))
+    return _within_time(problem, name, lambda: PreparedPlan(plan))
 
 
 def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
@@ -85,7 +85,7 @@ def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
     return _within_time(problem, name, lambda: prepared(method, problem))
 
 
-def _within_time(problem: Problem, name: str, prepare: Callable[[], Prepared]) -> Trajectory:
+def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
     """Prepare and run a problem; the limit `max_wall` holds for the preparation, and again for the steps."""
     if not isinstance(problem, Problem) or problem.max_wall is None:  # the method refuses what is not a problem
         return _driven(problem, prepare(), name)
@@ -119,7 +119,7 @@ def not_begun(problem: Problem, name: str, cause: str) -> Trajectory:
     )
 
 
-def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
+def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
     began = time.perf_counter()
     plan, parameters = kept.plan, problem.parameter_array
     tolerances, idle = plan.tolerances, kept.take(problem)

@@ -10,7 +10,7 @@ from typing import Any
 import mpmath
 
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.export.module import ExportedQuantity, SourceModule, ValueNames
 from lagrange.export.straight_line import with_outputs
 from lagrange.procedure.builder import Builder
@@ -72,7 +72,7 @@ def points(seed: int, count: int) -> list[list[float]]:
 
 def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name: str = "graphs") -> SourceModule:
     """Return a module of programs without parameters, and of other procedures."""
-    prepared, first = Prepared.of(programs), with_outputs(programs[0], programs[0].instructions, (0,))
+    prepared, first = PreparedLayout.of(programs), with_outputs(programs[0], programs[0].instructions, (0,))
     made = [(one, kernel(one, prepared, one.name, "Random operations.")) for one in programs]
     made += [(programs[0], one) for one in more]
     quantities = [

@@ -13,7 +13,7 @@ import lagrange as lg
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.languages import julia, modelica
 from lagrange.export.module import SourceModule
-from lagrange.export.straight_line import Functions
+from lagrange.export.straight_line import PrintedFunctions
 from lagrange.export.target import find
 from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, wrong
@@ -37,7 +37,7 @@ class Read:
         if self.julia:
             self.known = of_julia(julia.source(made))
         else:
-            functions = Functions(made, modelica.LANGUAGE, statuses=False)
+            functions = PrintedFunctions(made, modelica.LANGUAGE, statuses=False)
             self.known = of_modelica([*modelica.function_lines(functions)])
             self.size = functions.hoisted.size
 

@@ -15,7 +15,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, Prepared
+from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, PreparedLayout
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
 from lagrange.machine.backend import SingularMassMatrix
@@ -134,7 +134,7 @@ NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")
 
 def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.ndarray) -> list[np.ndarray | None]:
     """Return the results of programs by their procedures, None where a matrix is singular."""
-    prepared = Prepared.of(programs)
+    prepared = PreparedLayout.of(programs)
     p = memoryview(array("d", [0.0] * max(prepared.size, 1)))
     assert not loaded(prepare(prepared, "Prepare."))(parameters.data, p)
     found: list[np.ndarray | None] = []
@@ -210,7 +210,7 @@ def test_systems_are_solved_with_pivoting_where_it_is_needed(order: int, kind: s
 def test_what_depends_on_parameters_alone_is_prepared_once_for_all_programs() -> None:
     model = lg.scene("double-pendulum").compile("numpy")
     rhs, again = model.law("rhs").program, model.law("accelerations").program
-    assert Prepared.of([rhs, again]).size == Prepared.of([rhs]).size
+    assert PreparedLayout.of([rhs, again]).size == PreparedLayout.of([rhs]).size
 
 
 # --- projection -----------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.machine.model import Model
 from lagrange.program.lower import lower
-from lagrange.program.step import Control, StepProgram, Vector, trace
+from lagrange.program.step import Control, StepProgram, TracedVector, trace
 from lagrange.program.switching import SWITCHES, Switched, switch
 from lagrange.program.taylor import series_program
 from lagrange.trajectory.methods.explicit import runge_kutta_step
@@ -101,7 +101,7 @@ coefficients = st.lists(st.integers(-5, 5), min_size=2, max_size=2)
 
 @given(coefficients, coefficients, st.integers(1, 4))
 def test_vectors_are_a_vector_space(a: list[int], b: list[int], k: int) -> None:
-    def value(vector: Vector) -> list[Any]:
+    def value(vector: TracedVector) -> list[Any]:
         found = dict(vector.combination())
         return [found[i].data if i in found else 0 for i in range(2)]
 

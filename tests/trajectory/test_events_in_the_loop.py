@@ -21,7 +21,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import Occurrences
-from lagrange.trajectory.events.series_watch import Watch
+from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run
@@ -62,18 +62,18 @@ def random_events(chance: np.random.Generator) -> list[Any]:
 
 def changed_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave each reset and each crossing of a surface to the watch, and the sides at the start as well."""
-    write = Watch.write
+    write = SeriesWatch.write
 
-    def begun(self: Watch, state: DriverState) -> EventResult:
+    def begun(self: SeriesWatch, state: DriverState) -> EventResult:
         self.state = state
         return self._begin(state)
 
-    def left(self: Watch) -> None:
+    def left(self: SeriesWatch) -> None:
         write(self)
         self.memory.record.checked, self.memory.record.combination = 1, -1
 
-    monkeypatch.setattr(Watch, "write", left)
-    monkeypatch.setattr(Watch, "begin", begun)
+    monkeypatch.setattr(SeriesWatch, "write", left)
+    monkeypatch.setattr(SeriesWatch, "begin", begun)
 
 
 def assert_zeros(found: Trajectory, events: list[Any]) -> None:
@@ -141,13 +141,13 @@ STEEP = (
 def test_powers_above_the_order(events: list[Any], target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop finds them as the watch does; it asks for a start at zero and for little else."""
     compiled, asked = random_model(np.random.default_rng(7), target), []
-    process = Watch.process
+    process = SeriesWatch.process
 
-    def counted(self: Watch, state: DriverState) -> EventResult:
+    def counted(self: SeriesWatch, state: DriverState) -> EventResult:
         asked.append(state.t)
         return process(self, state)
 
-    monkeypatch.setattr(Watch, "process", counted)
+    monkeypatch.setattr(SeriesWatch, "process", counted)
     ours = run(compiled, end, "taylor", events=events)
     assert ours.steps > 6 and len(asked) <= 2 * len(ours.t_events[-1]) + 4
     assert_zeros(ours, events)
@@ -206,13 +206,13 @@ def test_random_switches(seed: int, target: str, monkeypatch: pytest.MonkeyPatch
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return a list to which each time is added at which Python is asked."""
     calls: list[float] = []
-    read = Watch.read
+    read = SeriesWatch.read
 
-    def noted(self: Watch, state: DriverState) -> None:
+    def noted(self: SeriesWatch, state: DriverState) -> None:
         calls.append(state.t)
         read(self, state)
 
-    monkeypatch.setattr(Watch, "read", noted)
+    monkeypatch.setattr(SeriesWatch, "read", noted)
     return calls
 
 
@@ -272,15 +272,15 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
 def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     """A signal that comes in the loop over steps is raised as the loop returns, before anyone has asked for events."""
     oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
-    is_due, calls = Watch.is_due, []
+    is_due, calls = SeriesWatch.is_due, []
 
-    def interrupted(self: Watch, state: DriverState) -> bool:
+    def interrupted(self: SeriesWatch, state: DriverState) -> bool:
         calls.append(state.t)
         if len(calls) == 3:
             raise KeyboardInterrupt
         return is_due(self, state)
 
-    monkeypatch.setattr(Watch, "is_due", interrupted)
+    monkeypatch.setattr(SeriesWatch, "is_due", interrupted)
     found = run(oscillator, 1e6, "taylor", events=[x, event(x - 2, reset={x.dot: -x.dot})])
     end = float(found.t[-1])
     assert found.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
@@ -383,14 +383,14 @@ def test_a_flight_that_an_event_ends_is_not_probed_beyond(monkeypatch: pytest.Mo
 
 def test_the_numbers_of_a_side_are_kept_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """However often a surface is crossed, the path has one array of numbers for each side."""
-    found: list[Watch] = []
-    begin = Watch.begin
+    found: list[SeriesWatch] = []
+    begin = SeriesWatch.begin
 
-    def noted(self: Watch, state: DriverState) -> EventResult:
+    def noted(self: SeriesWatch, state: DriverState) -> EventResult:
         found.append(self)
         return begin(self, state)
 
-    monkeypatch.setattr(Watch, "begin", noted)
+    monkeypatch.setattr(SeriesWatch, "begin", noted)
     spring = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2 + 2 * Max(x, 0) ** 2, initial={x: 1.0})
     ended = run(spring, 100.0, "taylor")
     (watch,) = found

@@ -26,7 +26,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory import run_loop
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, Prepared
+from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, PreparedPlan
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, shared_scene, x
 from tests.trajectory.runs import FIXED, NAMES, planned, run, same
@@ -132,7 +132,7 @@ def test_few_plans_and_drivers_are_kept() -> None:
     assert len(compiled.prepared) == PLANS_KEPT
     for i in range(3 * DRIVERS_KEPT):
         run(compiled, 0.1, "dop853", parameters={k: 1.0 + i})
-    last: Prepared = list(compiled.prepared.values())[-1]
+    last: PreparedPlan = list(compiled.prepared.values())[-1]
     assert len(last.idle) == DRIVERS_KEPT
 
 

@@ -62,7 +62,7 @@ class StepPolynomial:
 
     @property
     def procedure(self) -> Procedure:
-        """The procedure that writes the polynomials. Its arguments are those of `Block`."""
+        """The procedure that writes the polynomials. Its arguments are those of `PolynomialBlock`."""
         return self.write.form()
 
     def size(self, dimension: int, columns: int) -> int:
@@ -126,7 +126,7 @@ def slopes(
 
 
 @dataclass(frozen=True)
-class Block:
+class PolynomialBlock:
     """Arguments of a procedure that writes polynomials, and the layout of its work memory.
 
     First are the arguments that a machine prepares for a kind of path: the law over columns with its parameters, its
@@ -155,11 +155,11 @@ class Block:
         return self.dimension * self.columns
 
     @inline
-    def with_step(self, step: In, work: Out, out: Out) -> Block:
+    def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
         """Return the arguments for another block of steps without neighbours, with its own work memory and results."""
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
-        return Block(*laws, *numbers, step, step, work, out)
+        return PolynomialBlock(*laws, *numbers, step, step, work, out)
 
     @inline
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
@@ -202,7 +202,7 @@ def block_type() -> Bundle:
     """Return the type of the arguments of a procedure that writes polynomials."""
     functions = {"law": COLUMNS, "jacobian": COLUMNS, "invert": INVERT}
     memory = {"own": READ_STEPS, "beside": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
-    return Bundle(Block, {**functions, **memory})
+    return Bundle(PolynomialBlock, {**functions, **memory})
 
 
 @inline
@@ -214,7 +214,7 @@ def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: 
 
 
 @inline
-def mend(block: Block, first: In) -> None:
+def mend(block: PolynomialBlock, first: In) -> None:
     """Write a parabola in columns with a coefficient that is not finite.
 
     It has the slope `first` / h at the start. It serves the last step of a run that ended because the slope has no

@@ -17,7 +17,16 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.dense.block import SPARE, Block, OwnStep, Room, StepPolynomial, block_type, steps_in, weighted
+from lagrange.algorithm.dense.block import (
+    SPARE,
+    OwnStep,
+    PolynomialBlock,
+    Room,
+    StepPolynomial,
+    block_type,
+    steps_in,
+    weighted,
+)
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
@@ -62,7 +71,7 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
 
 
 @procedure(apart=True, block=block_type)
-def increments(block: Block) -> None:
+def increments(block: PolynomialBlock) -> None:
     """Write the change of the state at each stage in the steps of a block, by Newton's method from a straight line.
 
     If the law is not finite, the polynomial is a straight line.
@@ -92,7 +101,7 @@ def increments(block: Block) -> None:
 
 
 @inline
-def linearize(block: Block, step: OwnStep) -> None:
+def linearize(block: PolynomialBlock, step: OwnStep) -> None:
     """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step.
 
     It is NaN in all columns where a mass matrix is singular.
@@ -120,14 +129,14 @@ def linearize(block: Block, step: OwnStep) -> None:
 
 
 @inline
-def entry(block: Block, matrix: Out, row: int, column: int) -> Out:
+def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
     """Return an entry of the matrices in all columns; rows after their order belong to the inverses."""
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
 
 
 @inline
-def correct(block: Block, step: OwnStep) -> None:
+def correct(block: PolynomialBlock, step: OwnStep) -> None:
     """Correct the inner stages by one Newton step, in the columns that have not converged."""
     total, stages, rows = block.total, block.stages, block.table[block.stages :]
     (h, _, state, _), (time, _, _), slopes = block.lay_out(INCREMENTS)
@@ -146,7 +155,7 @@ def correct(block: Block, step: OwnStep) -> None:
 
 
 @inline
-def move(block: Block, step: OwnStep) -> None:
+def move(block: PolynomialBlock, step: OwnStep) -> None:
     """Add to the inner stages the inverses times the residuals; a column has converged if no stage moves far."""
     columns, n, total, stages = block.columns, block.dimension, block.total, block.stages
     (_, gains, _, _), (_, row, active), slopes = block.lay_out(INCREMENTS)
@@ -171,7 +180,7 @@ def move(block: Block, step: OwnStep) -> None:
 
 
 @inline
-def straighten(block: Block) -> None:
+def straighten(block: PolynomialBlock) -> None:
     """Replace stages that are not finite by a straight line."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
@@ -190,7 +199,7 @@ def straighten(block: Block) -> None:
 
 
 @procedure(block=block_type)
-def collocation(block: Block) -> None:
+def collocation(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps through their stages, with slopes that are continuous between steps."""
     total, stages = block.total, block.stages
     _, _, gains = block.lay_out(JOINED)
@@ -206,7 +215,7 @@ def collocation(block: Block) -> None:
 
 
 @inline
-def write(block: Block, gains: In) -> None:
+def write(block: PolynomialBlock, gains: In) -> None:
     """Write the coefficients of the polynomials through the stages."""
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     _, _, _, powers = parts_of(block.table, stages)
@@ -228,7 +237,7 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 
 @inline
-def join(block: Block, gains: In, beside_gains: In) -> None:
+def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
     """Make slopes continuous: add a multiple of the integral of the polynomial that is zero at the points."""
     own = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
@@ -266,7 +275,7 @@ def join(block: Block, gains: In, beside_gains: In) -> None:
 
 
 @inline
-def write_at_place(block: Block, coefficients: In, count: int, place: In, row: Out) -> None:
+def write_at_place(block: PolynomialBlock, coefficients: In, count: int, place: In, row: Out) -> None:
     """Write the value of a polynomial with `count` coefficients, at the fraction in each column."""
     for b in block.each_column():
         value = 0.0

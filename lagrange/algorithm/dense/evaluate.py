@@ -69,7 +69,7 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 
 @dataclass(frozen=True)
-class Path:
+class RunPath:
     """A run with its dense output.
 
     It has the callback with its `given` data, times and states of steps, and memory for a block.
@@ -98,11 +98,11 @@ class Path:
 
 def path_type() -> Bundle:
     """Return the type of a path among the arguments of a procedure."""
-    return Bundle(Path, {"polynomial": POLYNOMIAL})
+    return Bundle(RunPath, {"polynomial": POLYNOMIAL})
 
 
 @procedure(path=path_type)
-def polynomials(path: Path, starts: WholesIn, blocks: int, out: Out) -> None:
+def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
     """Write the polynomials of some steps of a run, block by block."""
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
@@ -140,7 +140,7 @@ def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> 
 
 
 @procedure(path=path_type, out=lambda: BLOCKS)
-def outputs(path: Path, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
+def outputs(path: RunPath, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
     """Write the states at many sorted times along a run, entries `stride` apart; each polynomial is made once.
 
     The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.

@@ -15,7 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import Block, OwnStep, Room, StepPolynomial, block_type, mend, steps_in, weighted
+from lagrange.algorithm.dense.block import (
+    OwnStep,
+    PolynomialBlock,
+    Room,
+    StepPolynomial,
+    block_type,
+    mend,
+    steps_in,
+    weighted,
+)
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, fma, magnitude
 from lagrange.procedure.shared import shared
@@ -72,7 +81,7 @@ class Cubic:
 
 
 @procedure(block=block_type)
-def hermite(block: Block) -> None:
+def hermite(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
     `changes` are by how much the slopes at the inner nodes differ from those of the cubic, and behind them stands what
@@ -99,7 +108,7 @@ def hermite(block: Block) -> None:
 
 
 @inline
-def begin(block: Block, cubic: Cubic) -> None:
+def begin(block: PolynomialBlock, cubic: Cubic) -> None:
     """Begin the iteration with the cubic. A trial is accepted later if it moves less than the largest slope."""
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
@@ -116,7 +125,7 @@ def begin(block: Block, cubic: Cubic) -> None:
 
 
 @inline
-def measure(block: Block) -> None:
+def measure(block: PolynomialBlock) -> None:
     """Set the size of each column to its largest entry of `largest`."""
     (_, _, _, _, largest), (_, _, size, _), _ = block.lay_out(ROOM)
     for b in block.each_column():
@@ -128,7 +137,7 @@ def measure(block: Block) -> None:
 
 
 @inline
-def iterate(block: Block, own: OwnStep, cubic: Cubic) -> None:
+def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
     """Write the next trial: the integral of the right-hand side along the path."""
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -145,7 +154,7 @@ def iterate(block: Block, own: OwnStep, cubic: Cubic) -> None:
 
 
 @inline
-def judge(block: Block) -> None:
+def judge(block: PolynomialBlock) -> None:
     """Accept the trial in the columns where it moved less than half as far as the one before."""
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
@@ -170,7 +179,7 @@ def judge(block: Block) -> None:
 
 
 @inline
-def write(block: Block, cubic: Cubic, changes: In) -> None:
+def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
     """Write the coefficients: those of the cubic, and what the changes of its slopes add to each."""
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):

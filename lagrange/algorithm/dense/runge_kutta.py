@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import Block, Room, StepPolynomial, block_type, mend, steps_in, weighted
+from lagrange.algorithm.dense.block import PolynomialBlock, Room, StepPolynomial, block_type, mend, steps_in, weighted
 from lagrange.procedure.front.plain import procedure
 from lagrange.procedure.front.vocabulary import fma
 
@@ -29,7 +29,7 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
 
 
 @procedure(block=block_type)
-def runge_kutta(block: Block) -> None:
+def runge_kutta(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by the stages of a method.
 
     The table has the abscissae, the rows, and the weights of each power of theta. The weights of a path add up to

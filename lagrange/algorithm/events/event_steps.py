@@ -23,7 +23,7 @@ from lagrange.algorithm.events.constants import (
 )
 from lagrange.algorithm.events.step_review import review
 from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
-from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, Watch
+from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, ReviewedEvents
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.run import COUNTS, FUNCTION, RUN
@@ -294,7 +294,7 @@ class EventLoop:
     """
 
     samples: Samples
-    watch: Watch
+    watch: ReviewedEvents
     waiting: Waiting
     values: Callable[..., Any]
     value_numbers: In
@@ -323,7 +323,7 @@ def loop_type() -> Bundle:
     """Return the type of the arguments of the loop."""
     waiting = Bundle(Waiting, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
     types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
-    types |= {"watch": Bundle(Watch, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
+    types |= {"watch": Bundle(ReviewedEvents, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
     return Bundle(EventLoop, types)
 
 

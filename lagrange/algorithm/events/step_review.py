@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.step_samples import Lines, Samples, samples_type
-from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
+from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, ReviewedEvents, step_zeros
 from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import WholesOut, unlikely, wholes
 
@@ -18,8 +18,8 @@ QUEUE = 256
 """Number of steps that are screened before the doubtful ones among them are examined."""
 
 
-@procedure(samples=samples_type, watch=lambda: Bundle(Watch, {}))
-def review(samples: Samples, watch: Watch) -> int:
+@procedure(samples=samples_type, watch=lambda: Bundle(ReviewedEvents, {}))
+def review(samples: Samples, watch: ReviewedEvents) -> int:
     """Review steps, times (S+1,) and states (S+1, 2n), and return the reason why the review ended.
 
     It writes the event, the time and the state of each zero that counts. If a zero that changes the motion ended the
@@ -54,7 +54,7 @@ def review(samples: Samples, watch: Watch) -> int:
 
 @inline
 def queue_block(
-    samples: Samples, lines: Lines, watch: Watch, places: WholesOut, first: int, queue: WholesOut, filled: int
+    samples: Samples, lines: Lines, watch: ReviewedEvents, places: WholesOut, first: int, queue: WholesOut, filled: int
 ) -> int:
     """Append the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
     end, is_bad = watch.review.end, False

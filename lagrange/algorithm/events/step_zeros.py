@@ -100,7 +100,7 @@ REVIEW = form_of(Review)
 
 
 @dataclass(frozen=True)
-class Watch:
+class ReviewedEvents:
     """The events of a run: the record of a review, the side of each event, and the arrays for zeros.
 
     `sign` and `near` are the sides of the events, as in `Relay`. `direction` says which zeros count, 0 for all, and
@@ -125,7 +125,7 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class StepZeros:
+class ZeroSearch:
     """The search for zeros on one step of a block, with memory for them.
 
     `signs`, `nears` and `lefts` are the sides and counts of the events after the step.
@@ -133,7 +133,7 @@ class StepZeros:
 
     samples: Samples
     lines: Lines
-    watch: Watch
+    watch: ReviewedEvents
     signs: WholesOut
     nears: WholesOut
     lefts: WholesOut
@@ -397,9 +397,9 @@ class StepZeros:
 
 
 @inline
-def step_zeros(samples: Samples, lines: Lines, watch: Watch) -> StepZeros:
+def step_zeros(samples: Samples, lines: Lines, watch: ReviewedEvents) -> ZeroSearch:
     """Return the search for zeros, with its memory."""
     memory: tuple[Any, ...] = tuple(watch.noted[samples.events * k :] for k in unrolled(4))
     memory = (*memory, *(reals(DEEPEST_HALVING + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
     memory = (*memory, reals(MOST_ROOTS), wholes(MOST_ROOTS), reals(MOST_ZEROS), wholes(MOST_ZEROS), wholes(MOST_ZEROS))
-    return StepZeros(samples, lines, watch, *memory)
+    return ZeroSearch(samples, lines, watch, *memory)

@@ -62,11 +62,11 @@ class Inputs:
     state: Memory | None = None
     names: Mapping[int, str] = field(default_factory=dict)
     largest: int = LARGEST_IN_SOURCE
-    """Largest matrix whose prepared factors are those of a written-out elimination; see `Prepared`."""
+    """Largest matrix whose prepared factors are those of a written-out elimination; see `PreparedLayout`."""
 
 
 @dataclass(frozen=True)
-class Factored:
+class FactoredMatrix:
     """A factorization: its entries by index if it is written out, else the array of its factors."""
 
     entries: Mapping[tuple[int, int], Real]
@@ -87,7 +87,7 @@ class Body:
         """Solutions in memory, with entries that are read at their use."""
         self.rows: dict[int, Memory] = {}
         """Right-hand sides in adjacent columns, by the first solve of their group."""
-        self.factors: dict[int, Factored] = {}
+        self.factors: dict[int, FactoredMatrix] = {}
         self.tested: dict[int, None] = {}
         """Factors that have been tested once for all their systems, without pivoting."""
         self.singular: Variable | None = None
@@ -150,20 +150,20 @@ class Body:
         elif one.op == "factor":
             places = self.program.eliminations[ref].places
             entries = {place: held[slot + k] for k, place in enumerate(places)}
-            self.factors[ref] = Factored(entries, ~held[slot + len(places)].equals(0.0), None)
+            self.factors[ref] = FactoredMatrix(entries, ~held[slot + len(places)].equals(0.0), None)
         elif one.op == "solve":
             self.vectors[ref] = [held[slot + k] for k in range(one.order)]
         else:
             value = held[slot]
             self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
 
-    def read_factors(self, plan: Elimination, memory: Memory) -> Factored:
+    def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
         """Return prepared factors of `factor_dense`: as entries for a written-out elimination, else in memory."""
         if not written_out(plan, self.style.largest):
-            return Factored({}, None, memory)
+            return FactoredMatrix({}, None, memory)
         n = plan.order
         entries = {(i, j): memory[1 + j] if i == j else memory[2 * n + 1 + j * n + i] for i, j in plan.places}
-        return Factored(entries, memory[0].equals(0.0), None)
+        return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
         """Write a hoisted result to the prepared array."""
@@ -266,9 +266,9 @@ class Body:
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
-            self.factors[ref] = Factored(entries, trusted, None)
+            self.factors[ref] = FactoredMatrix(entries, trusted, None)
         else:
-            self.factors[ref] = Factored({}, None, self.factored_in_memory(one))
+            self.factors[ref] = FactoredMatrix({}, None, self.factored_in_memory(one))
 
     def factored_in_memory(self, one: Instruction) -> Memory:
         """Factor a matrix in memory, and return its factors."""
@@ -293,7 +293,7 @@ class Body:
             return
         right = [self.right(ref) for ref in solves]
         if held.memory is None and len(solves) * one.order**2 > self.style.substituted:
-            held = self.factors[factor] = Factored(held.entries, held.trusted, self.factored_in_memory(one))
+            held = self.factors[factor] = FactoredMatrix(held.entries, held.trusted, self.factored_in_memory(one))
         if held.memory is None:
             for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
                 self.vectors[ref] = x
@@ -343,7 +343,9 @@ class Body:
         for column, ref in enumerate(solves):
             self.later[ref] = [(rows, i * width + column) for i in range(n)]
 
-    def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
+    def written_out(
+        self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
+    ) -> list[list[Real]]:
         """Return the solutions by written-out factors, or by pivoting if these cannot be trusted."""
         p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()

@@ -15,7 +15,7 @@ from functools import reduce
 from operator import or_
 
 from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.program.program import Instruction, Program
@@ -33,7 +33,7 @@ def cleared_outputs(program: Program) -> frozenset[int]:
 
 
 def prepare(
-    prepared: Prepared,
+    prepared: PreparedLayout,
     about: str,
     *,
     name: str = "prepare",
@@ -66,7 +66,7 @@ def prepare(
 
 def kernel(
     program: Program,
-    prepared: Prepared,
+    prepared: PreparedLayout,
     name: str,
     about: str,
     *,
@@ -93,7 +93,7 @@ def kernel(
 
 
 def kernel_by_value(
-    program: Program, prepared: Prepared, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
+    program: Program, prepared: PreparedLayout, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
 ) -> Procedure:
     """Return a kernel from time and entries of a state to some results of a program and the singular flag."""
     p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
@@ -109,7 +109,7 @@ def kernel_by_value(
     return p.finish(*[REAL] * len(results), FLAG)
 
 
-def kernel_through_values(program: Program, prepared: Prepared, by_value: Procedure) -> Procedure:
+def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: Procedure) -> Procedure:
     """Return `kernel` as a call of a kernel by value, and the `returned` parts of its results."""
     p = Builder(program.name, f"Evaluate {program.name} in memory.")
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)

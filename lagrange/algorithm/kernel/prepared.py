@@ -14,7 +14,7 @@ LARGEST_IN_SOURCE = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedLayout:
     """Indices of the hoisted results of some programs in one array, which begins with the parameters.
 
     `size` is its length. `program` computes the prepared results, with their indices `saved`. `slots` are the indices
@@ -31,7 +31,7 @@ class Prepared:
     """Largest matrix whose factors are stored as entries, if its elimination is written out."""
 
     @classmethod
-    def of(cls, programs: Sequence[Program], largest: int = LARGEST_IN_SOURCE) -> Prepared:
+    def of(cls, programs: Sequence[Program], largest: int = LARGEST_IN_SOURCE) -> PreparedLayout:
         """Return the layout for programs with the same parameters."""
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}

@@ -75,7 +75,7 @@ class Sampled:
 
 
 @dataclass(frozen=True)
-class Step:
+class SampledStep:
     """A step of a member: its begin, end and length, and its length in the unit of its polynomial.
 
     `memory` has the coefficients of the polynomial, and `degree` its degree; `y` is the state at the end.
@@ -116,7 +116,7 @@ class Along:
             self.found[k] = 0.0 if how == "mean" else p.choose(value.equals(value), signed, -math.inf)
             self.lost[k] = 0.0
 
-    def follow(self, step: Step) -> None:
+    def follow(self, step: SampledStep) -> None:
         """Sample the expressions on a step, which counts only when it is accepted."""
         p = self.p
         given: dict[str, Any] = {"t": step.t, "end": step.end, "h": step.h, "ratio": step.ratio, "memory": step.memory}

@@ -43,10 +43,10 @@ def largest_between(columns: int | None = None) -> Procedure:
     A bracket is three points with their values, which are multiplied by `sign`. The number of brackets is `columns`, or
     a parameter, and then the caller also passes the memory of `memory_size` numbers.
     """
-    return _Search(columns).build()
+    return _BracketSearch(columns).build()
 
 
-class _Search:
+class _BracketSearch:
     """Builds the procedure."""
 
     def __init__(self, columns: int | None) -> None:

@@ -70,7 +70,7 @@ class FirstOccurrences:
             self.seen[place] = number + 1
 
 
-class Occurrences(FirstOccurrences):
+class MemberOccurrences(FirstOccurrences):
     """Search for the events of a member, in memory of a procedure, to which it adds its parameters."""
 
     def __init__(self, p: Builder, events: Events, dimension: int) -> None:

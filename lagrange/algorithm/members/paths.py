@@ -52,7 +52,7 @@ def series_path(layout: TaylorLayout, entries: Sequence[int]) -> Procedure:
 
 
 @dataclass(frozen=True)
-class DenseOutput:
+class MemberDenseOutput:
     """The dense output of a method: the kind of its polynomials, and the right-hand side as a procedure."""
 
     kind: StepPolynomial
@@ -65,7 +65,7 @@ class DenseOutput:
 
 
 @dataclass(frozen=True, eq=False)
-class StepPath:
+class MemberStepPath:
     """The polynomial of one step of a member: a kind of dense output, and its procedure for a right-hand side."""
 
     kind: StepPolynomial
@@ -73,7 +73,7 @@ class StepPath:
     dimension: int
 
     @classmethod
-    def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> StepPath:
+    def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> MemberStepPath:
         """Return the path for a law over columns; `prefix` is added to the names of its procedures."""
         return cls(kind, bound(kind.procedure, {"law": law}, prefix=prefix), dimension)
 
@@ -95,10 +95,10 @@ class StepPath:
 class StepCoefficients:
     """Coefficients of the polynomial of a member's step, in memory of a procedure; the same as in single runs."""
 
-    def __init__(self, p: Builder, dense: DenseOutput, dimension: int) -> None:
+    def __init__(self, p: Builder, dense: MemberDenseOutput, dimension: int) -> None:
         kind = dense.kind
         self.p, self.kind, self.dimension = p, kind, dimension
-        self.path = StepPath.of(kind, dense.column, dimension, "path_")
+        self.path = MemberStepPath.of(kind, dense.column, dimension, "path_")
         self.own = p.reserve(block_size(dimension, 1), room=WIDEST_VECTOR, name="own")
         self.step = Tracer(p, ()).call(steps_in, self.own, p.whole(dimension), p.whole(1))
         self.work = p.reserve(kind.size(dimension, 1), room=WIDEST_VECTOR, name="path_work")

@@ -26,7 +26,7 @@ COUNTED = ("steps", "rejected", "evaluations")
 
 
 @dataclass(frozen=True)
-class Numbers:
+class SystemNumbers:
     """The numbers of procedures in addition to time and state: parameters, then the values of them alone.
 
     `size` is their total number. With `prepare` each member has its own `parameters`, from which it computes all
@@ -50,13 +50,13 @@ class Members(ABC):
     """Builds a procedure that runs members from t0 to t1. A method defines the start of a run and its steps.
 
     There are `count` members: `starts` has their states [q, v], and `numbers` their parameters or the common numbers;
-    see `Numbers`. The results have a row for each member: last states, times and outcomes, the counts, the observed
-    values at the start and at the end, the states at `wanted` output times, and the reductions of expressions along the
-    run. `points` are the sample points of a step, and `table` has the numbers of the dense output. A member whose
-    outcome is not DONE is at the point where its run stopped.
+    see `SystemNumbers`. The results have a row for each member: last states, times and outcomes, the counts, the
+    observed values at the start and at the end, the states at `wanted` output times, and the reductions of expressions
+    along the run. `points` are the sample points of a step, and `table` has the numbers of the dense output. A member
+    whose outcome is not DONE is at the point where its run stopped.
     """
 
-    def __init__(self, dimension: int, numbers: Numbers, observed: Observed) -> None:
+    def __init__(self, dimension: int, numbers: SystemNumbers, observed: Observed) -> None:
         self.dimension, self.known, self.observed = dimension, numbers, observed
         p = self.p = Builder("members", "Run members of an ensemble, one after the other in each lane.")
         self.lane, self.lanes = p.given(LANE, WHOLE), p.given("lanes", WHOLE)

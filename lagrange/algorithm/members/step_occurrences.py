@@ -11,8 +11,8 @@ from lagrange.algorithm.dense.block import OwnStep
 from lagrange.algorithm.events.constants import NOISE_HALVES
 from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, ENDED, MOST_ZEROS, REVIEW
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences
-from lagrange.algorithm.members.paths import DenseOutput
-from lagrange.algorithm.members.step_review import Functions, StepEvents, review_step
+from lagrange.algorithm.members.paths import MemberDenseOutput
+from lagrange.algorithm.members.step_review import MemberFunctions, StepEvents, review_step
 from lagrange.algorithm.outcome import Outcome
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
@@ -38,7 +38,7 @@ class StepOccurrences(FirstOccurrences):
         self.factors, self.direction = p.array("factors", read=True), p.array("direction", WHOLE, read=True)
         self.terminal = p.array("terminal", WHOLE, read=True)
 
-    def reserve(self, dense: DenseOutput) -> None:
+    def reserve(self, dense: MemberDenseOutput) -> None:
         """Reserve memory, after all parameters have been added."""
         p, count, n = self.p, self.events.count, self.dimension
         self.reserve_counts()
@@ -54,7 +54,7 @@ class StepOccurrences(FirstOccurrences):
         }
         self.there = p.reserve(n, name="there")
         self.time, self.part = p.variable(0.0, "time"), p.variable(1.0, "part")
-        self.review = review_step.form(functions=Functions(dense, self.events, n))
+        self.review = review_step.form(functions=MemberFunctions(dense, self.events, n))
 
     def begin(self) -> None:
         """Reset the search at the start of a member: no events, and unknown sides."""

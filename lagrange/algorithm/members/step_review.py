@@ -11,8 +11,8 @@ from typing import Any
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
-from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
-from lagrange.algorithm.members.paths import DenseOutput, StepPath
+from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, ReviewedEvents, step_zeros
+from lagrange.algorithm.members.paths import MemberDenseOutput, MemberStepPath
 from lagrange.procedure.form import Array, Procedure
 from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, generated, reals, unlikely, unrolled, wholes
@@ -31,20 +31,20 @@ class StepEvents:
 
 
 @dataclass(frozen=True, eq=False)
-class Functions:
+class MemberFunctions:
     """The dense output, the right-hand side and the events of members, for states of a `dimension`."""
 
-    dense: DenseOutput
+    dense: MemberDenseOutput
     events: StepEvents
     dimension: int
 
-    def path(self, prefix: str) -> StepPath:
+    def path(self, prefix: str) -> MemberStepPath:
         """Return the dense output, in procedures with a prefix to their names."""
-        return StepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
+        return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
 
-    def cubic(self) -> StepPath:
+    def cubic(self) -> MemberStepPath:
         """Return the cubic through the ends of a step."""
-        return StepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
+        return MemberStepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
 
     @inline
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
@@ -59,7 +59,7 @@ class Functions:
 
 
 @procedure
-def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: Functions) -> int:
+def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
     """Write the events of each column; return the first without an acceleration, or -1."""
     events, n, failed = functions.events, functions.dimension, -1
     state, values = reals(n), reals(events.count)
@@ -88,9 +88,9 @@ class StepSamples(Samples):
         lines.t_end[0] = self.end
 
 
-@procedure(watch=lambda: Bundle(Watch, {}), own=lambda: Array(room=WIDEST_VECTOR))
+@procedure(watch=lambda: Bundle(ReviewedEvents, {}), own=lambda: Array(room=WIDEST_VECTOR))
 def review_step(
-    watch: Watch, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: Functions
+    watch: ReviewedEvents, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: MemberFunctions
 ) -> int:
     """Find the zeros of events on a step, and say why that ended; see `review`."""
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from lagrange.algorithm.members.along import Along, Sampled, Step
+from lagrange.algorithm.members.along import Along, Sampled, SampledStep
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT
 from lagrange.algorithm.members.outputs import outstanding, write_outputs
-from lagrange.algorithm.members.paths import DenseOutput, StepCoefficients, polynomial_path
-from lagrange.algorithm.members.queue import Members, Numbers, Observed
+from lagrange.algorithm.members.paths import MemberDenseOutput, StepCoefficients, polynomial_path
+from lagrange.algorithm.members.queue import Members, Observed, SystemNumbers
 from lagrange.algorithm.members.step_occurrences import StepOccurrences
 from lagrange.algorithm.members.step_review import StepEvents
 from lagrange.algorithm.outcome import Outcome
@@ -32,9 +32,9 @@ class StepMembers(Members):
         step: StepProgram,
         dimension: int,
         law: Procedure,
-        numbers: Numbers,
+        numbers: SystemNumbers,
         observed: Observed,
-        dense: DenseOutput | None = None,
+        dense: MemberDenseOutput | None = None,
         sampled: Sampled | None = None,
         events: StepEvents | None = None,
     ) -> None:
@@ -102,7 +102,7 @@ class StepMembers(Members):
 class _Follower:
     """Follows the accepted steps of members by dense output: writes outputs and samples expressions."""
 
-    def __init__(self, members: StepMembers, dense: DenseOutput, sampled: Sampled | None) -> None:
+    def __init__(self, members: StepMembers, dense: MemberDenseOutput, sampled: Sampled | None) -> None:
         p = self.p = members.p
         self.members, self.dimension = members, members.dimension
         self.step = StepCoefficients(p, dense, self.dimension)
@@ -188,7 +188,7 @@ class _Follower:
             end, part = occurrences.time.value, occurrences.part.value
             self.copy(self.step.step.new)
         degree = p.whole(self.step.kind.degree)
-        along.follow(Step(t, end, end - t, part, self.step.c, self.step.step.new, degree))
+        along.follow(SampledStep(t, end, end - t, part, self.step.c, self.step.step.new, degree))
         along.accept()
 
     def write(self, t: Real, end: Real) -> None:

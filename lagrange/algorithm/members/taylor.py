@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.members.along import Along, Sampled, Step
-from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, Events, Occurrences
+from lagrange.algorithm.members.along import Along, Sampled, SampledStep
+from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, Events, MemberOccurrences
 from lagrange.algorithm.members.paths import series_path
-from lagrange.algorithm.members.queue import Members, Numbers, Observed
+from lagrange.algorithm.members.queue import Members, Observed, SystemNumbers
 from lagrange.algorithm.taylor.loop import begin_run, iteration
 from lagrange.algorithm.taylor.memory import HELD, OUTPUTS, TAYLOR, TaylorLayout
 from lagrange.algorithm.taylor.step_size import logarithm
@@ -26,13 +26,13 @@ class TaylorMembers(Members):
         layout: TaylorLayout,
         order: int,
         jet: Procedure,
-        numbers: Numbers,
+        numbers: SystemNumbers,
         observed: Observed,
         sampled: Sampled | None = None,
         events: Events | None = None,
     ) -> None:
         self.events = events
-        self.occurrences: Occurrences | None = None
+        self.occurrences: MemberOccurrences | None = None
         super().__init__(layout.dimension, numbers, observed)
         p = self.p
         self.layout, self.order, self.jet = layout, order, jet
@@ -52,7 +52,7 @@ class TaylorMembers(Members):
     def announce(self) -> None:
         """Add the parameters of the events, if there are any."""
         if self.events is not None:
-            self.occurrences = Occurrences(self.p, self.events, self.dimension)
+            self.occurrences = MemberOccurrences(self.p, self.events, self.dimension)
 
     @property
     def state(self) -> list[Memory]:
@@ -100,7 +100,7 @@ class TaylorMembers(Members):
             self.follow(self.along, steps)
         return found if self.occurrences is None else self.watch(self.occurrences, found, last)
 
-    def watch(self, occurrences: Occurrences, outcome: Whole, last: Flag) -> Whole:
+    def watch(self, occurrences: MemberOccurrences, outcome: Whole, last: Flag) -> Whole:
         """Copy the events of proven steps, and return the outcome: ENDED_BY_EVENT if an event ends the run."""
         p, member = self.p, self.member.value
         occurrences.take(member)
@@ -117,4 +117,4 @@ class TaylorMembers(Members):
             along.accept()
         with p.when(~held.unproven.equals(0)):
             order, h = p.whole(self.order), held.h
-            along.follow(Step(held.t, self.run.t, h, h / held.scale, self.work, self.work, order))
+            along.follow(SampledStep(held.t, self.run.t, h, h / held.scale, self.work, self.work, order))

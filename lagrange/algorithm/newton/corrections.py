@@ -27,7 +27,7 @@ from lagrange.algorithm.newton.prediction import predict
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, SolveLayout
 from lagrange.algorithm.step.run import Running, running
-from lagrange.algorithm.step.vectors import Vectors, plus, vectors_of
+from lagrange.algorithm.step.vectors import StepVectors, plus, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, unrolled
@@ -102,7 +102,7 @@ def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve
 
 
 @inline
-def largest_size(vectors: Vectors, factors: list[Node]) -> float:
+def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
     """Return the largest absolute value of some numbers of a step."""
     largest = 0.0
     for factor in factors:
@@ -161,7 +161,7 @@ def correct(work: Out, solve: SolveLayout) -> float:
 
 
 @inline
-def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> Product:
+def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> MatrixProduct:
     """Return the product of a matrix, stored by columns, with the first `count` residuals of a solve.
 
     A short product is written out, with the residuals in registers.
@@ -170,11 +170,11 @@ def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> Prod
     is_short = count * length * (count * width // block if block > 1 else 1) <= UNROLLED_PRODUCT
     places = [(i, a) for i in unrolled(count) for a in unrolled(length)] if is_short else []
     terms = [(matrix[(i * length + a) * count * width :], residual[i * width + a]) for i, a in places]
-    return Product(matrix, residual, solve, count, terms)
+    return MatrixProduct(matrix, residual, solve, count, terms)
 
 
 @dataclass(frozen=True)
-class Product:
+class MatrixProduct:
     """A product of a matrix and a vector; its sums over even and odd columns are added last."""
 
     matrix: In

@@ -15,7 +15,7 @@ from lagrange.algorithm.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, SolveLayout
 from lagrange.algorithm.step.run import Running, running
-from lagrange.algorithm.step.vectors import Vectors, copy_vector, vectors_of
+from lagrange.algorithm.step.vectors import StepVectors, copy_vector, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrolled
@@ -26,7 +26,7 @@ INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), 
 = dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding."""
 
 
-class Coefficients:
+class MatrixCoefficients:
     """The coefficients of the matrix of a solve, as nodes, by rows (residual, unknown)."""
 
     def __init__(self, layout: Layout, solve: SolveLayout) -> None:
@@ -71,7 +71,7 @@ class Coefficients:
 @procedure(apart=True, given=running)
 def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Build the inverse matrix of corrections, with the known derivative of the law or a new one; return an outcome."""
-    work, newton, terms = given.work, given.newtons[solve.index], Coefficients(layout, solve)
+    work, newton, terms = given.work, given.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
     calls = [] if point is None else [point]
     vectors = vectors_of(given, t, h, layout, calls, solve.solve.residuals, nodes)
@@ -105,7 +105,7 @@ def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: S
 
 
 @inline
-def evaluate_derivative(vectors: Vectors, t: float, out: Out, point: LawCall | None) -> bool:
+def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
     """Write the derivative of the law by rows, at a call or at the start of the step; return whether it is singular."""
     given, layout = vectors.given, vectors.layout
     if point is None:
@@ -119,7 +119,7 @@ def evaluate_derivative(vectors: Vectors, t: float, out: Out, point: LawCall | N
 
 
 @inline
-def table(vectors: Vectors, nodes: Sequence[Node]) -> Out:
+def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
     """Return an array of numbers of the step."""
     values = reals(len(nodes))
     for i, node in enumerate(nodes):
@@ -203,7 +203,9 @@ class Matrix:
 
 
 @inline
-def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]) -> None:
+def weigh_by_rounding(
+    vectors: StepVectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]
+) -> None:
     """Set the weights of corrections: the effect of rounding a residual and the arguments of its calls on the unknowns.
 
     The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off. The

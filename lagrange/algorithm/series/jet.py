@@ -19,7 +19,7 @@ from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Operand, Packing
 from lagrange.algorithm.series.rules import Term
-from lagrange.algorithm.series.systems import System, moving_system, system_size
+from lagrange.algorithm.series.systems import LinearSystem, moving_system, system_size
 from lagrange.algorithm.series.vectors import joined
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.builder import Builder
@@ -35,7 +35,7 @@ ANGLES_AT_ONCE = 8
 """Number of angles whose sines and cosines are computed at once, where there are vectors."""
 
 
-class Jet:
+class JetBuilder:
     """Base class of builders of a series, order after order.
 
     `origin` has the values of order 0 by number. Inverses of mass matrices are written out up to a largest size.
@@ -54,7 +54,7 @@ class Jet:
         self.order: Whole = p.given("order", WHOLE)
         self.constants: list[Real] = []
         self.origin: dict[int, Any] = {}
-        self.systems: list[System] = []
+        self.systems: list[LinearSystem] = []
         self.singular: Flag = p.false
 
     def begin(self) -> None:
@@ -98,7 +98,7 @@ class Jet:
         return self.rows.at((self.order + 1) * self.layout.width)
 
 
-class LoopJet(Jet):
+class LoopJet(JetBuilder):
     """A series whose orders are computed in a loop: the numbers that depend on the order k alone."""
 
     def __init__(
@@ -141,7 +141,7 @@ class LoopJet(Jet):
         return divided(self, x, self.high, self.low)
 
 
-def divided(jet: Jet, x: Term, high: Term, low: Term) -> Term:
+def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
     """Return x (high + low), rounded once.
 
     The rounded reciprocal of an order has an error of the same sign at every step, so errors would grow with time.

@@ -12,7 +12,7 @@ from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
 from lagrange.algorithm.kernel.prepared import width_of
 from lagrange.algorithm.series.packing import Packing
 from lagrange.algorithm.series.rules import Term
-from lagrange.algorithm.series.systems import System, constant_inverse, constant_size, constant_system
+from lagrange.algorithm.series.systems import LinearSystem, constant_inverse, constant_size, constant_system
 from lagrange.algorithm.series.vectors import joined
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import ANGLES, FLAG, Procedure
@@ -122,7 +122,7 @@ class SeriesNumbers:
         found: Real = prepared[self.begin + self.places[place]] if known is None else prepared.builder.real(known)
         return found
 
-    def systems(self, p: Builder, prepared: Memory) -> Iterator[System | None]:
+    def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
         """Return the inverse of each stage's constant matrix; None for a matrix that moves."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:

@@ -27,7 +27,7 @@ Rows = Sequence[Sequence[int]]
 """Rows of a system that are in each vector of unknowns. A last row may be repeated."""
 
 
-class System(Protocol):
+class LinearSystem(Protocol):
     """A matrix that is inverted or factored; it solves for one right-hand side after another."""
 
     def read(self, rows: Rows) -> None:
@@ -56,7 +56,7 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
 
 def moving_system(
     p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
-) -> tuple[System, list[Flag]]:
+) -> tuple[LinearSystem, list[Flag]]:
     """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
     blocks = _triangles(plan, entries)
     if plan.diagonal:
@@ -97,7 +97,7 @@ def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: M
     return [singular]
 
 
-def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
+def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem:
     """Return a constant matrix whose inverse is in memory."""
     n = plan.size
     if plan.diagonal:
@@ -136,13 +136,13 @@ class Diagonal:
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Gather the reciprocals to vectors; see `System`."""
+        """Gather the reciprocals to vectors; see `LinearSystem`."""
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `System`."""
+        """Return the solution; see `LinearSystem`."""
         self.read(rows)
         return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
 
@@ -156,7 +156,7 @@ class Inverse:
         """Vectors of entries of a column, by column and rows."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `System`."""
+        """Return the solution; see `LinearSystem`."""
         self.read(rows)
         found: list[Term] = [None] * len(rows)
         for j, x in enumerate(_apart(self.p, rows, right)):
@@ -165,7 +165,7 @@ class Inverse:
         return found
 
     def read(self, rows: Rows) -> None:
-        """Gather the entries to vectors; see `System`."""
+        """Gather the entries to vectors; see `LinearSystem`."""
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:
@@ -179,7 +179,7 @@ class InverseInMemory:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `System`."""
+        """Return the solution; see `LinearSystem`."""
         p, n = self.p, self.size
         given = p.reserve(n, name="right")
         if all(len(chunk) == 1 for chunk in rows):
@@ -226,14 +226,14 @@ class InverseInMemory:
                 found[i] = p.fma(column[i], x, found[i])
 
 
-class Factored:
+class FactoredSystem:
     """The factors of each block of a matrix. Where a pivot cannot be trusted, they are those with pivoting."""
 
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `System`."""
+        """Return the solution; see `LinearSystem`."""
         single, found = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
             solution = block.solve([single[i] for i in block.unknowns])
@@ -313,12 +313,12 @@ def _factored_size(block: Elimination) -> int:
 
 def _factored(
     p: Builder, plan: SolvePlan, blocks: Sequence[tuple[tuple[int, ...], Triangle]], memory: Memory
-) -> tuple[System, list[Flag]]:
+) -> tuple[LinearSystem, list[Flag]]:
     made, place = [], 0
     for (block, lower), how in zip(blocks, block_eliminations(plan), strict=True):
         made.append(_FactoredBlock(p, block, how, lower, memory.at(place)))
         place += _factored_size(how)
-    return Factored(p, made, plan.size), [block.singular for block in made]
+    return FactoredSystem(p, made, plan.size), [block.singular for block in made]
 
 
 class _FactoredBlock:

@@ -7,17 +7,17 @@ from typing import Protocol
 
 from lagrange.algorithm.series.packing import Chunk, Operand, PackedStage
 from lagrange.algorithm.series.rules import OWN, Term, less, plus
-from lagrange.algorithm.series.systems import System
+from lagrange.algorithm.series.systems import LinearSystem
 from lagrange.procedure.builder import Builder
 from lagrange.program.series import SeriesProgram
 
 
-class Coefficients(Protocol):
+class OperandSource(Protocol):
     """Source of the operands that chunks read: at the present order, the previous one, and order 0."""
 
     p: Builder
     program: SeriesProgram
-    systems: list[System]
+    systems: list[LinearSystem]
 
     def now(self, operand: Operand) -> Term:
         """Return an operand at the present order."""
@@ -47,7 +47,7 @@ class Coefficients(Protocol):
 class ChunkAt:
     """Source of the coefficients of a chunk at one order, except its sums; see `At`."""
 
-    def __init__(self, series: Coefficients, chunk: Chunk) -> None:
+    def __init__(self, series: OperandSource, chunk: Chunk) -> None:
         self.series, self.chunk, self.p = series, chunk, series.p
 
     def operand(self, which: int) -> Operand:
@@ -93,7 +93,7 @@ class ChunkAt:
         return self.series.start()
 
 
-def solved(series: Coefficients, place: int, packed: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+def solved(series: OperandSource, place: int, packed: PackedStage, guesses: Sequence[Term]) -> list[Term]:
     """Return the unknowns of a stage by chunk, corrected from guesses: M0^-1 (f[k-1] scale / k - p^[k])."""
     right = []
     for force, momentum in zip(packed.right, packed.left, strict=True):

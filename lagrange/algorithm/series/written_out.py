@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import reduce
 
-from lagrange.algorithm.series.jet import Jet, divided
+from lagrange.algorithm.series.jet import JetBuilder, divided
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, Packing
 from lagrange.algorithm.series.rules import Term, coefficient, fma, plus
@@ -39,7 +39,7 @@ def written_layout(packing: Packing) -> TaylorLayout:
     return TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
 
 
-class WrittenJet(Jet):
+class WrittenJet(JetBuilder):
     """Builder of the procedure for orders from `lowest` up to `highest`.
 
     `x` has each chunk by order; k is the present order.

@@ -25,7 +25,7 @@ from lagrange.program.step import Control
 
 
 @dataclass(frozen=True)
-class Functions:
+class SystemFunctions:
     """The functions of a system: the right-hand side, its derivative, and the corrections of constraints or None."""
 
     law: Callable[..., Any]
@@ -36,7 +36,7 @@ class Functions:
 def functions_of(layout: Layout) -> Bundle:
     """Return the type of the functions of a system."""
     projection = CORRECTIONS if layout.projected else None
-    return Bundle(Functions, {"law": FUNCTION, "jacobian": FUNCTION, "projection": projection})
+    return Bundle(SystemFunctions, {"law": FUNCTION, "jacobian": FUNCTION, "projection": projection})
 
 
 def state_array(layout: Layout) -> Array:
@@ -45,7 +45,7 @@ def state_array(layout: Layout) -> Array:
 
 
 @procedure(of=functions_of, y=state_array)
-def one_step(of: Functions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
+def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
     """Replace y by the state after a step of length h from t, and return an outcome.
 
     The state is replaced if the new one is finite, and the state and its projection are on the constraints.
@@ -79,7 +79,7 @@ def one_step(of: Functions, t: float, h: float, y: Out, p: In, *, layout: Layout
 
 
 @inline
-def is_off_constraints(of: Functions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
+def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
     """Return whether a state is off the constraints: it would start another motion."""
     return of.projection is not None and not starts_on_constraints(
         of.projection, p, t, y, dimension=n, relations=relations
@@ -87,7 +87,7 @@ def is_off_constraints(of: Functions, t: float, y: Out, p: In, n: int, relations
 
 
 @inline
-def begin(of: Functions, y: In, p: In, layout: Layout) -> Running:
+def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
     """Return the arguments of steps from a state. In blocks of one number its vectors follow each other."""
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
@@ -97,7 +97,7 @@ def begin(of: Functions, y: In, p: In, layout: Layout) -> Running:
 
 @procedure(of=functions_of, t=lambda: Array(size=1), y=state_array)
 def adaptive_run(
-    of: Functions,
+    of: SystemFunctions,
     t: Out,
     t_end: float,
     y: Out,

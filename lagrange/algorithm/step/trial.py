@@ -11,7 +11,7 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import project
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.step.run import Running, running
-from lagrange.algorithm.step.vectors import NO_REGISTERS, Vectors, copy_vector, vectors_of
+from lagrange.algorithm.step.vectors import NO_REGISTERS, StepVectors, copy_vector, vectors_of
 from lagrange.procedure.form import FLAG, Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, reals, unrolled
@@ -66,7 +66,7 @@ def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Ou
 
 
 @inline
-def damp(vectors: Vectors, action: Damp) -> None:
+def damp(vectors: StepVectors, action: Damp) -> None:
     """Write (I - factor J)^-1 times a vector."""
     layout, work = vectors.layout, vectors.given.work
     solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
@@ -77,7 +77,7 @@ def damp(vectors: Vectors, action: Damp) -> None:
 
 
 @inline
-def add_compensated(vectors: Vectors, state: int) -> None:
+def add_compensated(vectors: StepVectors, state: int) -> None:
     """Write a new state as the compensated sum of the old state and what the step adds."""
     layout, work, step = vectors.layout, vectors.given.work, vectors.layout.step
     one = state, step.graph.one

@@ -36,7 +36,7 @@ def vectors_of(
     *,
     ratio: float = 1.0,
     state: Out | None = None,
-) -> Vectors:
+) -> StepVectors:
     """Return the vectors of a step with the numbers that calls and combinations contain, and `nodes`.
 
     Numbers depend on t, h and the `ratio` of h to the step before. `state` has the entries of the state, if they are
@@ -46,7 +46,7 @@ def vectors_of(
     factors = [factor for combination in combined for _, factor in combination]
     numbers = list(dict.fromkeys([*factors, *[call.time for call in calls], *nodes, layout.step.graph.one]))
     values = evaluated(layout.step.scalars(numbers), t, h, ratio)
-    return Vectors(given, layout, h, dict(zip(numbers, values, strict=True)), state)
+    return StepVectors(given, layout, h, dict(zip(numbers, values, strict=True)), state)
 
 
 @inline
@@ -85,7 +85,7 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 
 
 @dataclass(frozen=True)
-class Vectors:
+class StepVectors:
     """The vectors of a step, and the numbers that they are multiplied by; see `vectors_of`."""
 
     given: Running

@@ -175,7 +175,7 @@ GO_ON, LEAVE, WAIT = range(3)
 
 
 @dataclass(frozen=True)
-class Step:
+class InspectedStep:
     """A step that is to be inspected."""
 
     t: float
@@ -199,7 +199,7 @@ class Step:
 
 
 @procedure(apart=True, watched=watched_type)
-def inspect_step(step: Step, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
+def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Inspect a step on which watched functions may vanish; return a decision and the new length.
 
     Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and the signs at
@@ -234,7 +234,7 @@ def inspect_step(step: Step, doubtful: In, taylor: TaylorState, watched: Watched
 
 
 @inline
-def verified_length(step: Step, length: float, watched: Watched, layout: Any) -> float:
+def verified_length(step: InspectedStep, length: float, watched: Watched, layout: Any) -> float:
     """Return a length of the step at whose end the series of high powers agree with the watched functions."""
     noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
     functions = watched.values, own_numbers(watched), watched.tilts
@@ -247,7 +247,7 @@ def verified_length(step: Step, length: float, watched: Watched, layout: Any) ->
 
 @procedure(watched=watched_type)
 def end_at_change(
-    zeros: Zeros, number: int, change: int, step: Step, doubtful: In, taylor: TaylorState, watched: Watched
+    zeros: Zeros, number: int, change: int, step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched
 ) -> tuple[int, float]:
     """End the step at its first change; return a decision and the new length.
 
@@ -321,7 +321,7 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
 
 
 @procedure(watched=watched_type)
-def trusted_part(step: Step, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
+def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
     """Return the part of a step on which the series of all watched functions can be trusted.
 
     It is -1 if a series is not finite.
@@ -416,7 +416,7 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
 
 
 @inline
-def simultaneous(step: Step, at: float) -> float:
+def simultaneous(step: InspectedStep, at: float) -> float:
     """Return the distance within which zeros count as simultaneous."""
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
@@ -428,7 +428,7 @@ def accept(
     end: float,
     close: float,
     due: int,
-    step: Step,
+    step: InspectedStep,
     taylor: TaylorState,
     watched: Watched,
     again: bool,

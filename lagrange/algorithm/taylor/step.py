@@ -21,7 +21,7 @@ from lagrange.algorithm.taylor.constants import (
 )
 from lagrange.algorithm.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.algorithm.taylor.event_series import doubtful_events
-from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, Step, inspect_step
+from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, InspectedStep, inspect_step
 from lagrange.algorithm.taylor.memory import TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import ends, logarithm, power, raise_floors
@@ -66,7 +66,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     h = left if final else s * scale
     run.h = h
     if watched is not None:
-        cause, taken = inspected(given, Step(t, low, scale, run.rtol, s, left, final), watched, layout)
+        cause, taken = inspected(given, InspectedStep(t, low, scale, run.rtol, s, left, final), watched, layout)
         if unlikely(cause != Outcome.DONE):
             return cause
         is_whole = taken == s
@@ -175,7 +175,7 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 
 
 @inline
-def inspected(given: Arguments, step: Step, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
+def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
     """Search the step for zeros; return DONE and its new length in units of the scale, or the reason not to take it."""
     taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s

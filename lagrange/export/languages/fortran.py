@@ -10,7 +10,7 @@ from lagrange.export.identifiers import LONGEST_NAME, distinct
 from lagrange.export.lines import TEXT_WIDTH, commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Functions, Language, PrintedFunction
+from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 
@@ -170,7 +170,7 @@ def module_name(module: SourceModule) -> str:
 
 def source(module: SourceModule) -> str:
     """Return the source file."""
-    name, functions = module_name(module), Functions(module, LANGUAGE)
+    name, functions = module_name(module), PrintedFunctions(module, LANGUAGE)
     lines = [
         *statement_comment(module, "!"),
         "",

@@ -9,7 +9,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import TEXT_WIDTH, commented, wrapped
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Functions, Language, PrintedFunction
+from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -100,7 +100,7 @@ LANGUAGE = Language(
 
 def source(module: SourceModule) -> str:
     """Return the file of the module."""
-    functions = Functions(module, LANGUAGE)
+    functions = PrintedFunctions(module, LANGUAGE)
     size = functions.hoisted.size
     least = {"p": size, "parameters": len(module.parameters)}
     printed = [*_function("prepare!(p, parameters)", module.prepare.about, functions.prepare(), least)]

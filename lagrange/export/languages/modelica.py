@@ -12,7 +12,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, plain
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Functions, Language, PrintedFunction
+from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 
@@ -171,13 +171,13 @@ def text(module: SourceModule) -> Iterator[str]:
     yield ""
     yield f"package {package(module)}"
     yield ""
-    functions = Functions(module, LANGUAGE, statuses=False)
+    functions = PrintedFunctions(module, LANGUAGE, statuses=False)
     for line in (*function_lines(functions), "", *motion(module, functions.hoisted.size)):
         yield f"  {line}".rstrip()
     yield f"end {package(module)};"
 
 
-def function_lines(functions: Functions) -> Iterator[str]:
+def function_lines(functions: PrintedFunctions) -> Iterator[str]:
     """Yield the lines of the package's functions."""
     module, size = functions.module, functions.hoisted.size
     state = places("y", module.state, first=1)
@@ -337,7 +337,7 @@ class Modelica(Target):
             "package": name,
             "size": len(module.parameters),
             "defaults": "\n".join(broken(f"    {_array(list(map(LITERALS.real, module.values)))}")).strip(),
-            "prepared_size": Functions(module, LANGUAGE, statuses=False).hoisted.size,
+            "prepared_size": PrintedFunctions(module, LANGUAGE, statuses=False).hoisted.size,
             "calls": " +\n          ".join(f"test_{one.name}()" for one in module.checks),
         }
         return {

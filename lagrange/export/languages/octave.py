@@ -12,7 +12,7 @@ from lagrange.export.identifiers import LONGEST_NAME
 from lagrange.export.lines import commented, continued, number_lines
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Functions, Language, PrintedFunction
+from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -157,7 +157,7 @@ def _text(module: SourceModule, head: str, about: Sequence[str], function: Print
 
 def files_of(module: SourceModule) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each file."""
-    prefix, functions = prefix_of(module), Functions(module, LANGUAGE)
+    prefix, functions = prefix_of(module), PrintedFunctions(module, LANGUAGE)
     yield f"{prefix}default_parameters", _defaults(module, prefix)
     about = [module.prepare.about, places("parameters", module.parameters, "{0}({1})", 1)]
     head = f"[p, singular] = {prefix}prepare(parameters)"

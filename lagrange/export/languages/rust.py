@@ -9,7 +9,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Functions, Language, PrintedFunction
+from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -133,7 +133,7 @@ LANGUAGE = Language(
 
 def source(module: SourceModule) -> str:
     """Return the file."""
-    functions = Functions(module, LANGUAGE)
+    functions = PrintedFunctions(module, LANGUAGE)
     lines = [
         *statement_comment(module, "//"),
         "",

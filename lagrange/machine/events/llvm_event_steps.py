@@ -28,7 +28,7 @@ STANDING = (
 """Names of the loop's arguments that are arrays of a `StepEventMemory`."""
 
 
-class CompiledSteps(Protocol):
+class SteppingDriver(Protocol):
     """A driver in machine code."""
 
     @property
@@ -44,7 +44,7 @@ class LlvmEventSteps:
 
     def __init__(
         self,
-        driver: CompiledSteps,
+        driver: SteppingDriver,
         events: Program,
         resets: Program | None,
         parameters: FloatArray,

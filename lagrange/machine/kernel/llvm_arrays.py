@@ -238,7 +238,7 @@ MOST_STATE = 4096
 """Largest number of inputs for which a call joins q and v on the stack."""
 
 
-class _Method(ctypes.Structure):
+class _MethodEntry(ctypes.Structure):
     """An entry of `PyMethodDef`."""
 
     _fields_ = (
@@ -274,7 +274,7 @@ def _made(kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tu
     record: NDArray[Any] = np.array(entries, dtype=np.uint64)
     found = []
     for name in ("whole", "parts"):
-        method, keeper = _Method(name.encode(), module.address(name), METH_FASTCALL, None), record.view(_Record)
+        method, keeper = _MethodEntry(name.encode(), module.address(name), METH_FASTCALL, None), record.view(_Record)
         keeper.kept = (method, module, kernel, prepared, *objects)
         found.append(_new(ctypes.byref(method), keeper, None))
     return QuickCalls(*found)

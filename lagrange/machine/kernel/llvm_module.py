@@ -22,12 +22,12 @@ from functools import cached_property
 
 from lagrange.algorithm.kernel.body import Style
 from lagrange.algorithm.kernel.kernels import cleared_outputs, kernel, kernel_by_value, kernel_through_values, prepare
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.procedures import declaration, function, joined
 from lagrange.machine.members.operations import declarations
 from lagrange.machine.members.printer import MemberProgram
-from lagrange.machine.members.spliced import Spliced
+from lagrange.machine.members.spliced import SplicedPrinter
 from lagrange.procedure.form import Procedure
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
@@ -69,9 +69,9 @@ class KernelCode:
     program: Program
 
     @cached_property
-    def prepared(self) -> Prepared:
+    def prepared(self) -> PreparedLayout:
         """The indices of saved results after the parameters."""
-        return Prepared.of([self.program], LARGEST_IN_LINE)
+        return PreparedLayout.of([self.program], LARGEST_IN_LINE)
 
     @cached_property
     def prepare(self) -> Procedure:
@@ -161,7 +161,7 @@ class KernelCode:
         rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
         times = e.load(e.address("%t", i), kind)
         state = [e.load(e.address(base, _row(e, place, i)), kind) for base, place in rows]
-        *results, bad = Spliced(e, members, by_value).results([times, *state, "%p"])
+        *results, bad = SplicedPrinter(e, members, by_value).results([times, *state, "%p"])
         for place, value in zip(places, results, strict=True):
             e.store(value, e.address("%out", _row(e, place, i)), kind)
         if not bad.startswith("%"):

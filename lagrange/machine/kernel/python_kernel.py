@@ -110,7 +110,7 @@ def printed(program: Program) -> str:
     return note + lines.scalar() + COLUMNS_NOTE.format(buffers=buffers) + columns
 
 
-class _Prepared:
+class _PrintedFunction:
     """A printed function of parameters, which computes the values of them alone; the last result is cached.
 
     The result is a function, or None if these parameters require the interpreter.
@@ -193,21 +193,21 @@ class PythonKernel:
         return QuickCalls(whole, parts)
 
     @cached_property
-    def _whole(self) -> _Prepared:
+    def _whole(self) -> _PrintedFunction:
         """The printed function of a state."""
         return self._checked({"y": self._program.states})
 
     @cached_property
-    def _parts(self) -> _Prepared:
+    def _parts(self) -> _PrintedFunction:
         """The printed function of coordinates and velocities."""
         size = self._program.states
         return self._checked({"q": size // 2, "v": size - size // 2})
 
-    def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
+    def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
         """Return the function of one state as arrays, with checks of arguments and results; see `StraightLines`."""
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
-        return _Prepared(defined(self._lines.checked(arrays), self._program.name, names))
+        return _PrintedFunction(defined(self._lines.checked(arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`. Sines may be rounded differently than for one state."""
@@ -216,7 +216,7 @@ class PythonKernel:
 
     def _by_blocks(
         self,
-        blocks: tuple[_Prepared, int],
+        blocks: tuple[_PrintedFunction, int],
         t: float | FloatArray,
         inputs: Sequence[FloatArray],
         parameters: FloatArray,
@@ -253,11 +253,11 @@ class PythonKernel:
         return StraightLines(simplified(self._program))
 
     @cached_property
-    def _one_state(self) -> _Prepared:
-        return _Prepared(defined(self._lines.scalar(), self._program.name, FUNCTIONS))
+    def _one_state(self) -> _PrintedFunction:
+        return _PrintedFunction(defined(self._lines.scalar(), self._program.name, FUNCTIONS))
 
     @cached_property
-    def _exact_blocks(self) -> tuple[_Prepared, int]:
+    def _exact_blocks(self) -> tuple[_PrintedFunction, int]:
         """The function of blocks of columns with the operations of the function of one state, and its number of rows.
 
         Paths of runs give the same digits at one step or at many.
@@ -265,9 +265,9 @@ class PythonKernel:
         return self._printed_blocks(half_angles=False)
 
     @cached_property
-    def _fast_blocks(self) -> tuple[_Prepared, int]:
+    def _fast_blocks(self) -> tuple[_PrintedFunction, int]:
         return self._printed_blocks(half_angles=True)
 
-    def _printed_blocks(self, *, half_angles: bool) -> tuple[_Prepared, int]:
+    def _printed_blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
         text, buffers = self._lines.columns(half_angles=half_angles)
-        return _Prepared(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers
+        return _PrintedFunction(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers

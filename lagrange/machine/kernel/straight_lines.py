@@ -16,7 +16,7 @@ import numpy as np
 
 from lagrange.algorithm.kernel.body import Style
 from lagrange.algorithm.kernel.kernels import kernel_by_value, prepare
-from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.python_source import RAISING, Printer
 from lagrange.procedure.form import (
@@ -68,7 +68,7 @@ class StraightLines:
     """
 
     def __init__(self, program: Program) -> None:
-        held = Prepared.of([program], LARGEST_IN_PYTHON)
+        held = PreparedLayout.of([program], LARGEST_IN_PYTHON)
         self.program = program
         self.outer = _straight(prepare(held, "", in_place=True, style=STYLE))
         self.inner = _straight(kernel_by_value(program, held, program.outputs, style=STYLE))
@@ -96,7 +96,7 @@ class StraightLines:
         returns False if a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines are
         computed from the tangent of half the angle.
         """
-        printer = _Rows(self.inner, half_angles=half_angles)
+        printer = _RowPrinter(self.inner, half_angles=half_angles)
         text = printer.source(self)
         return text, printer.most
 
@@ -261,7 +261,7 @@ class _Checked(_Floats):
         return text
 
 
-class _Rows(_Floats):
+class _RowPrinter(_Floats):
     """Prints a procedure on rows, one number for each state.
 
     An operation writes into the row of an operand that it reads last, else into a free row, and a result into its own

@@ -14,7 +14,7 @@ def literal(value: float) -> str:
 
 
 @dataclass
-class Carried:
+class LoopValues:
     """A loop that is being printed: its index, the carried values, and their values in the next iteration."""
 
     index: str
@@ -129,7 +129,7 @@ class Emitter:
     @contextmanager
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
-    ) -> Iterator[Carried]:
+    ) -> Iterator[LoopValues]:
         """Repeat the body as `loop` does, with values of (kind, initial value) carried from one iteration to the next.
 
         The body sets `following`, one value for each. After the loop, `values` are the last values.
@@ -140,7 +140,7 @@ class Emitter:
         self.label(f"{name}.head")
         index, following = f"%{name}.i", f"%{name}.next"
         hole = len(self.lines)
-        loop = Carried(index, [f"%{name}.c{i}" for i in range(len(carried))])
+        loop = LoopValues(index, [f"%{name}.c{i}" for i in range(len(carried))])
         self.lines += [""] * (len(carried) + 1)
         self.do(f"%{name}.go = icmp slt i64 {index}, {stop}")
         self.do(f"br i1 %{name}.go, label %{name}.body, label %{name}.end")

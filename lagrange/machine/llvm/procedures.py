@@ -35,7 +35,7 @@ from lagrange.machine.llvm.sine_cosine import (
     called_for_angles,
     sine_and_cosine,
 )
-from lagrange.machine.llvm.vectors import Vectors, printed, store
+from lagrange.machine.llvm.vectors import PrinterState, printed, store
 from lagrange.procedure.form import (
     ANGLES,
     CONSTANT,
@@ -374,7 +374,7 @@ class Printer(Visitor):
     @visits(*VECTOR_STATEMENTS)
     def on_vectors(self, statement: VectorLet | Reduce | VectorLoad | Gather | VectorStore) -> None:
         """Print a statement on short vectors."""
-        known = Vectors(self.e, self.values, self.types)
+        known = PrinterState(self.e, self.values, self.types)
         if isinstance(statement, VectorStore):
             store(known, statement)
         else:

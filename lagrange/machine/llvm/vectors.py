@@ -11,7 +11,7 @@ from lagrange.procedure.form import Gather, Kind, Reduce, Type, Vector, VectorLe
 
 
 @dataclass(frozen=True)
-class Vectors:
+class PrinterState:
     """State of a printer: its emitter, and the operand and type of each number."""
 
     e: Emitter
@@ -19,7 +19,7 @@ class Vectors:
     types: Mapping[int, Type]
 
 
-def printed(known: Vectors, statement: VectorLet | Reduce | VectorLoad | Gather) -> str:
+def printed(known: PrinterState, statement: VectorLet | Reduce | VectorLoad | Gather) -> str:
     """Print a statement that defines a vector, or a single value from a vector, and return its operand."""
     match statement:
         case VectorLet():
@@ -32,14 +32,14 @@ def printed(known: Vectors, statement: VectorLet | Reduce | VectorLoad | Gather)
             return _loaded(known, statement)
 
 
-def _vector(known: Vectors, ref: int) -> Vector:
+def _vector(known: PrinterState, ref: int) -> Vector:
     """Return the type of a vector."""
     found = known.types[ref]
     assert isinstance(found, Vector)
     return found
 
 
-def _operation(known: Vectors, let: VectorLet) -> str:
+def _operation(known: PrinterState, let: VectorLet) -> str:
     """Print an operation on vectors and return its operand."""
     e, (_, width) = known.e, let.vector
     if let.op == "permute":
@@ -48,7 +48,7 @@ def _operation(known: Vectors, let: VectorLet) -> str:
     return spell(e, let.op, kinds, [known.values[arg] for arg in let.args], width)
 
 
-def _permuted(known: Vectors, let: VectorLet) -> str:
+def _permuted(known: PrinterState, let: VectorLet) -> str:
     """Return a vector of entries of vectors and single values.
 
     The entries of each vector are moved and merged; single values are inserted.
@@ -102,7 +102,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     return made
 
 
-def _reduced(known: Vectors, reduce: Reduce) -> str:
+def _reduced(known: PrinterState, reduce: Reduce) -> str:
     """Return the sum of a vector, or the flag whether any of its entries is true."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "entry":
@@ -132,7 +132,7 @@ def _listed(places: Sequence[int]) -> str:
     return f"<{len(places)} x i32> <{', '.join(f'i32 {place}' for place in places)}>"
 
 
-def _gathered(known: Vectors, gather: Gather) -> str:
+def _gathered(known: PrinterState, gather: Gather) -> str:
     """Return the entries of an array at the indices in a vector."""
     e, (kind, width), made = known.e, gather.vector, "poison"
     for k in range(width):
@@ -142,7 +142,7 @@ def _gathered(known: Vectors, gather: Gather) -> str:
     return made
 
 
-def _place(known: Vectors, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
+def _place(known: PrinterState, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
     """Return the address of the first accessed entry, and the mask as an operand.
 
     Without a mask the operand is an empty string.
@@ -151,7 +151,7 @@ def _place(known: Vectors, one: VectorLoad | VectorStore, vector: Vector) -> tup
     return place, "" if one.mask is None else f"<{vector.width} x i1> {known.values[one.mask]}"
 
 
-def _loaded(known: Vectors, load: VectorLoad) -> str:
+def _loaded(known: PrinterState, load: VectorLoad) -> str:
     """Return adjacent entries of an array as a vector."""
     place, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
@@ -161,7 +161,7 @@ def _loaded(known: Vectors, load: VectorLoad) -> str:
     return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({given})")
 
 
-def store(known: Vectors, store: VectorStore) -> None:
+def store(known: PrinterState, store: VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
     place, mask = _place(known, store, kind)

@@ -49,7 +49,7 @@ Way = tuple[str, dict[int, str]]
 """An incoming edge of a join: its block, and the values of variables there."""
 
 
-class Control:
+class ControlPrinter:
     """Prints branches and loops of a procedure."""
 
     def __init__(self, printer: MemberPrinter) -> None:

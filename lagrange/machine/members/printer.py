@@ -11,8 +11,8 @@ from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import KINDS, constant, give, separated, spell, splat, together, type_of
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
-from lagrange.machine.members.control import ALIVE, Control
-from lagrange.machine.members.memory import Held, MemberMemory
+from lagrange.machine.members.control import ALIVE, ControlPrinter
+from lagrange.machine.members.memory import HeldMemory, MemberMemory
 from lagrange.machine.members.operations import computed
 from lagrange.procedure.form import (
     ANGLES,
@@ -67,11 +67,11 @@ class MemberPrinter(Visitor):
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
         self.types: dict[int, Type] = {}
-        self.places: dict[int, Held] = {}
+        self.places: dict[int, HeldMemory] = {}
         self.held: dict[int, str] = {}
         self.levels: dict[int, int] = {}
         self.mask, self.level = MASK, 0
-        self.control = Control(self)
+        self.control = ControlPrinter(self)
         self.angles_inline = False
         """True if sines and cosines are written out, False if a function computes them."""
         self.open = True
@@ -108,7 +108,7 @@ class MemberPrinter(Visitor):
             return f"{type_of(kind, self.lanes if share.own else 1)} %{name}"
         self.types[ref] = kind
         apart = f"%{name}.places" if share.apart else None
-        self.places[ref] = Held(f"%{name}", share.own, apart)
+        self.places[ref] = HeldMemory(f"%{name}", share.own, apart)
         attributes = " noalias readonly" if isinstance(kind, Array) and kind.read else " noalias"
         return f"ptr{attributes} %{name}" + (f", {type_of(WHOLE, self.lanes)} {apart}" if apart else "")
 
@@ -228,12 +228,12 @@ class MemberPrinter(Visitor):
             case ReserveRecord(ref=ref, record=record):
                 count = len(record.fields)
                 memory = self.e.reserve("i64", count * self.lanes)
-                self.types[ref], self.places[ref] = record, Held(memory, own=True, level=self.level)
+                self.types[ref], self.places[ref] = record, HeldMemory(memory, own=True, level=self.level)
                 self.e.store("zeroinitializer", memory, f"[{count * self.lanes} x i64]")
             case Reserve(ref=ref, array=array):
                 room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
                 memory = self.e.reserve(KINDS[array.kind], room)
-                self.types[ref], self.places[ref] = array, Held(memory, own=True, level=self.level)
+                self.types[ref], self.places[ref] = array, HeldMemory(memory, own=True, level=self.level)
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:

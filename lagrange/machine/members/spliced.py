@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import splat
 from lagrange.machine.llvm.procedures import INLINE_ANGLES, number_of_angles
-from lagrange.machine.members.memory import Held
+from lagrange.machine.members.memory import HeldMemory
 from lagrange.machine.members.printer import MemberPrinter, MemberProgram
 from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
 from lagrange.procedure.spread import COMMON, OWN
 from lagrange.procedure.visit import visits
 
 
-class Spliced(MemberPrinter):
+class SplicedPrinter(MemberPrinter):
     """Prints a procedure for all lanes. Each lane has its own numbers, and lanes share the arrays."""
 
     def __init__(self, e: Emitter, program: MemberProgram, procedure: Procedure) -> None:
@@ -30,7 +30,7 @@ class Spliced(MemberPrinter):
             if isinstance(one.type, Kind):
                 self.define(one.ref, argument, one.type)
             else:
-                self.types[one.ref], self.places[one.ref] = one.type, Held(argument, own=False)
+                self.types[one.ref], self.places[one.ref] = one.type, HeldMemory(argument, own=False)
         self.block(self.procedure.body)
         return self.found
 

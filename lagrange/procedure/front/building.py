@@ -14,7 +14,15 @@ from typing import Any
 
 from lagrange.procedure.builder import GivenFunction
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Get, Kind, Let, Procedure, Read, Set, Statement, When
-from lagrange.procedure.front.control import Branches, Chosen, Each, Loop, Repeat, Spliced, Written
+from lagrange.procedure.front.control import (
+    Branches,
+    Chosen,
+    EachBlock,
+    LoopBlock,
+    RepeatBlock,
+    SplicedLoop,
+    WrittenLoop,
+)
 from lagrange.procedure.front.kinds import (
     ZERO,
     Ended,
@@ -37,7 +45,7 @@ from lagrange.procedure.front.vocabulary import (
     wholes,
 )
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
-from lagrange.procedure.values import Fields, Flag, Memory, Value, Whole
+from lagrange.procedure.values import Flag, Memory, RecordFields, Value, Whole
 
 UNSAFE = ("quotient", "whole")
 """Operations that machine code must not run for every operand: they are computed under their condition only."""
@@ -71,33 +79,33 @@ class Tracer(Names):
         self.is_flag(condition)
         return Branches(self, condition, weighed.likely if weighed is test else None)
 
-    def loop(self, *bounds: Any) -> Loop:
+    def loop(self, *bounds: Any) -> LoopBlock:
         """Return the loop of `range`."""
         start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
         if not isinstance(step, int) or step <= 0:
             raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
         values = [self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop)]
-        return Loop(self, lambda: self.p.loop(values[0], values[1], step))
+        return LoopBlock(self, lambda: self.p.loop(values[0], values[1], step))
 
-    def repeat(self) -> Repeat:
+    def repeat(self) -> RepeatBlock:
         """Return the loop of a `while`."""
         if self.iterations is not None:
             raise Error("an iteration of an `each` has no `while`.")
-        return Repeat(self, self.p.block)
+        return RepeatBlock(self, self.p.block)
 
-    def sequence(self, values: Any) -> Loop | Written:
+    def sequence(self, values: Any) -> LoopBlock | WrittenLoop:
         """Return the loop over values that are written out, or over the values of an inline generator."""
         if isinstance(values, GeneratorType):
-            return Spliced(self, values)
+            return SplicedLoop(self, values)
         if isinstance(values, (Value, Memory)):
             raise Error(f"a loop runs over `range`, `each` or a tuple; {described(values)} is given.")
-        return Written(values)
+        return WrittenLoop(values)
 
-    def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> Each:
+    def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
         """Return the loop of an `each`."""
         if self.iterations is not None:
             raise Error("an `each` stands in another: use `range` inside.")
-        return Each(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
+        return EachBlock(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
 
     def leave(self, value: Any) -> None:
         """Return from the procedure."""
@@ -260,7 +268,7 @@ class Tracer(Names):
 
     def write(self, owner: Any, field: str, value: Any) -> None:
         """Set a field of a record."""
-        if not isinstance(owner, Fields):
+        if not isinstance(owner, RecordFields):
             raise Error(f"{described(owner)} is not a record: its field {field} cannot be set.")
         setattr(owner, field, self.number(value, owner.kind_of(field), f"the field {field}"))
 

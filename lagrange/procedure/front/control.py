@@ -19,7 +19,7 @@ class Chosen(Ways):
     """A condition that is known when the procedure is built: only one branch is built."""
 
 
-class Written(Chosen):
+class WrittenLoop(Chosen):
     """A loop over values that are known when the procedure is built: its body is written out."""
 
 
@@ -69,7 +69,7 @@ class Block:
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
 
 
-class Loop(Block):
+class LoopBlock(Block):
     """A loop whose body is built once."""
 
     where = "behind the loop that sets it"
@@ -83,7 +83,7 @@ class Loop(Block):
             yield index
 
 
-class Repeat(Loop):
+class RepeatBlock(LoopBlock):
     """A loop while a condition holds."""
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
@@ -100,7 +100,7 @@ class Repeat(Loop):
             yield None
 
 
-class Spliced(Loop):
+class SplicedLoop(LoopBlock):
     """The loop over an inline generator: the statements of the generator surround those of the body."""
 
     def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
@@ -161,7 +161,7 @@ class Branches(Block):
         return variable
 
 
-class Each(Block):
+class EachBlock(Block):
     """A loop whose iterations may run in any order."""
 
     where = "behind the `each` that sets it"

@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import GivenFunction
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.values import Fields, Memory, Real, Value, Variable, Whole
+from lagrange.procedure.values import Memory, Real, RecordFields, Value, Variable, Whole
 
 ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
 
@@ -56,7 +56,7 @@ def is_dynamic(value: Any) -> bool:
     """Return whether a value, or a part of it, is known at run time only."""
     if isinstance(value, (tuple, list)):
         return any(map(is_dynamic, value))
-    return isinstance(value, (Value, Memory, Fields, GivenFunction))
+    return isinstance(value, (Value, Memory, RecordFields, GivenFunction))
 
 
 def kind_of(value: Any) -> Kind | None:

@@ -66,7 +66,7 @@ class Located(LagrangeError):
     """An error with the file and the line of the function that it comes from."""
 
 
-class Written(Generic[Args, Result]):
+class PlainFunction(Generic[Args, Result]):
     """A plain function that a receiver can run; a direct call runs the Python function."""
 
     inlined = False
@@ -111,7 +111,7 @@ class Written(Generic[Args, Result]):
         return FunctionType(rewritten_code(function, inlined=self.inlined), function.__globals__)
 
 
-class Inline(Written[Args, Result]):
+class Inline(PlainFunction[Args, Result]):
     """A function that is inlined into its callers: it may take and return anything, and `yield` to a loop."""
 
     inlined = True
@@ -149,7 +149,7 @@ class _Method:
         return self.inline.computed(exact, self.owner, *args, **kwargs)
 
 
-class Plain(Written[Args, Result]):
+class Plain(PlainFunction[Args, Result]):
     """A procedure as a plain function. Parameters after `*` are known when it is built: `form(**known)`."""
 
     def __init__(

@@ -16,7 +16,7 @@ from lagrange.machine.step_events import EventSteps, StepEventMemory
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
-from lagrange.trajectory.events.step_batch import Path, PathOf
+from lagrange.trajectory.events.step_batch import PathOf, StepsPath
 from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
@@ -73,7 +73,7 @@ class WatchedEvents:
         """The size of the memory of the loop in bytes."""
         return self.memory.nbytes
 
-    def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> Path:
+    def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> StepsPath:
         """Return the path through accepted times (S+1,) and states (S+1, 2n); its code is compiled once."""
         if self.dense is not None:
             return replace(self.dense, times=times, states=states)

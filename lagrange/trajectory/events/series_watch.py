@@ -43,7 +43,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 S = DriverState
 
 
-class Watch(EventLog):
+class SeriesWatch(EventLog):
     """Watches the surfaces and the events along a run; indices count surfaces first, then events.
 
     The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop

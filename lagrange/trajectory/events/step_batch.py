@@ -19,7 +19,7 @@ FULL_AT_ONCE = 12
 """Largest number of steps whose event functions are sampled at the full degree together."""
 
 
-class Path(Protocol):
+class StepsPath(Protocol):
     """Accepted steps, with a polynomial on each, of degree 16 at most, that passes through both of its states."""
 
     @property
@@ -34,7 +34,7 @@ class Path(Protocol):
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
 
 
-PathOf = Callable[[FloatArray, FloatArray], Path]
+PathOf = Callable[[FloatArray, FloatArray], StepsPath]
 """Function that returns the path through accepted times (S+1,) and states (S+1, 2n)."""
 
 
@@ -42,7 +42,7 @@ PathOf = Callable[[FloatArray, FloatArray], Path]
 class Window:
     """The steps of a path from number `begin` to before `end`."""
 
-    path: Path
+    path: StepsPath
     begin: int
     end: int
 
@@ -97,7 +97,7 @@ class StepBatch:
     kernel: Kernel
     rates: Callable[[], Kernel]
     parameters: FloatArray
-    path: Path
+    path: StepsPath
     ends: FloatArray
     edge: FloatArray
     noise: FloatArray
@@ -106,7 +106,7 @@ class StepBatch:
     samples: dict[int, Sample] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> StepBatch:
+    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: StepsPath) -> StepBatch:
         """Sample the event functions along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
@@ -184,7 +184,7 @@ def state_noise(
     return np.where(np.isfinite(edge), edge, 0.0)
 
 
-def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:
+def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
     """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted states."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
@@ -193,7 +193,7 @@ def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:
     return states
 
 
-def _along(kernel: Kernel, parameters: FloatArray, path: Path, steps: Places, states: FloatArray) -> FloatArray:
+def _along(kernel: Kernel, parameters: FloatArray, path: StepsPath, steps: Places, states: FloatArray) -> FloatArray:
     """Return the event functions (E, k, degree + 1) at sampled states (2n, k, degree + 1)."""
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]

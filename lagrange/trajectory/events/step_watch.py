@@ -42,7 +42,7 @@ from lagrange.trajectory.events.motion_start import (
     sent_through,
     sides_behind,
 )
-from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window, state_noise
+from lagrange.trajectory.events.step_batch import PathOf, Sample, StepBatch, StepsPath, Window, state_noise
 from lagrange.trajectory.events.zeros_on_step import (
     SAME_JUMP,
     EventZero,
@@ -308,7 +308,7 @@ class StepWatch(EventLog):
         """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
         return self.memory.compiled(self.problem, driver, t, steps, self.jumps, fixed=self._fixed)
 
-    def path(self, times: FloatArray, states: FloatArray) -> Path:
+    def path(self, times: FloatArray, states: FloatArray) -> StepsPath:
         """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
         return self.memory.path(self._path_of, times, states)
 
@@ -359,7 +359,7 @@ class StepWatch(EventLog):
         """Read only the events and resets that machine code has written."""
         self.memory.collect(self, self.breaks)
 
-    def _ahead(self, path: Path, taken: int) -> Cut | None:
+    def _ahead(self, path: StepsPath, taken: int) -> Cut | None:
         """Find the events on the steps of a path, sampled at once; return the first change of the motion, or None."""
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)

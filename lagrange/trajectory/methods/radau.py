@@ -32,7 +32,7 @@ complex, and the factor is 1 / their size."""
 
 
 @dataclass(frozen=True)
-class Radau:
+class RadauStep:
     """The step function with `stages` stages, which returns the state and the error vector."""
 
     stages: int
@@ -80,7 +80,7 @@ def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old:
     return [weighted([at(one, ci) for one in basis], old) for ci in wanted]
 
 
-RADAU3, RADAU5 = Radau(2), Radau(3)
+RADAU3, RADAU5 = RadauStep(2), RadauStep(3)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
-from lagrange.trajectory.events.series_watch import Watch
+from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations, stated_sides
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.methods.built_in import built_in
@@ -104,7 +104,7 @@ class TaylorPlan:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return self.series.driver(self.order, parameters)
 
-    def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> Watch | None:
+    def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
         """Return the search for events and surface crossings, or None without any; see `Plan`."""
         if not self.watched:
             return None
@@ -112,9 +112,9 @@ class TaylorPlan:
         absolute = None if own.share else own.margin * own.atol
         continuations = Continuations(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
         names = partial(watched_names, problem)
-        return Watch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
+        return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
         """Return the dense output: the series themselves."""
         parameters = problem.parameter_array
         if watch is None:
