@@ -12,7 +12,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.mechanics import plain_form
-from lagrange.mechanics.grading import budget, term_difference, wrong_term
+from lagrange.mechanics.grading import budget, one_change, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
@@ -313,10 +313,21 @@ def test_a_tension_with_the_sign_of_a_force_is_right_beside_a_constant_length() 
     assert not pendulum.compare("m r'' = m r θ'^2 + 2 m g cos θ - T\nm r^2 θ'' + 2 m r r' θ' = -m g r sin θ\nr = l")
 
 
-def test_a_number_that_was_typed_is_blamed_before_one_that_was_not() -> None:
+def test_the_right_equation_has_no_number_as_a_factor() -> None:
+    """Of two factors that mend an equation, the one that leaves a product of symbols times a right equation."""
     phi, (m, R, g) = lg.coordinate("phi"), lg.parameters("m R g")
     ball = lg.System(7 * m * R**2 * phi.dot**2 / 10, -m * g * R * sp.cos(phi))
     assert "the term 7*R*phi_ddot/10 has the wrong factor" in ball.compare("7/10 R phi'' + g sin phi = 0").message
+    half = orbit().compare("(m + M) r'' = m r phi'^2 - M g\nr phi''/2 + 2 r' phi' = 0").message
+    assert "the term r*phi_ddot/2 has the wrong factor" in half
+
+
+def test_solved_terms_are_not_expanded_to_find_them_among_those_of_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their denominators are sums that no right term has; expanding them takes seconds."""
+    expanded: list[sp.Expr] = []
+    monkeypatch.setattr(one_change, "expanded", lambda x: expanded.append(x) or sp.Add.make_args(x))
+    assert not pulley().compare("x'' = (m1 - 2 m2) g/(m1 + m2 + I/R^2)")
+    assert expanded and not any(power.base.is_Add for x in expanded for power in x.atoms(sp.Pow))
 
 
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:

@@ -74,8 +74,8 @@ SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
 """Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
 
-UNNUMBERED = 0.2
-"""Added cost of a number other than -1 in a term that was typed without one."""
+OF_NUMBER = 0.3
+"""Added cost of a change after which the accelerations are those of a right equation times a number."""
 
 OF_DERIVATIVE = 1.5
 """Added cost of changing a term of a typed derivative d/dt(...) if the derivative as a whole is not a wrong
@@ -145,11 +145,15 @@ def one_change(
         choices = sorted(search.choices(), key=lambda choice: choice[0])
     except OutsideDomain:
         return None
+    best: Change | None = None
     for cost, place, difference in choices[:40]:
+        if best is not None and cost >= best.cost:
+            break
         corrected = search.corrected(place, difference)
         if corrected is not None and corrected.holds(samples) and not _is_empty(corrected, row, samples[0]):
-            return Change(place, difference, cost, corrected)
-    return None
+            change = Change(place, difference, cost + OF_NUMBER * search.is_numbered(corrected), corrected)
+            best = change if best is None or change.cost < best.cost else best
+    return best
 
 
 def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers]:
@@ -229,6 +233,7 @@ class _Search:
         self.derived = {*derived, *(-term for term in derived)}
         self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
+        self.below = {base for term in models for base in _sums_below(term)}
         self.forces = self.unknowns[len(row.statement.names) :]
         self.leading = int(not any(row.sides[0].has(x) for x in (*self.unknowns, *self.rates)))
         self.absent = [symbol for symbol in self.unknowns if not row.zero.has(symbol)]
@@ -309,7 +314,7 @@ class _Search:
         for cost, place, difference in self._choices():
             wanted = difference.wanted * place.around
             signed = wanted if place.side == self.leading else -wanted
-            if wanted.count_ops() <= LONGEST_EXPANDED:
+            if wanted.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
                 signed = sympy.Add(*expanded(signed))
             right = signed in self.right
             if not right and -signed not in self.right:
@@ -374,8 +379,7 @@ class _Search:
         for cost, number, factor in self.multiples([x / a for x, a in zip(wanted, value, strict=True)]):
             right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
             if factor == 1:
-                unnumbered = UNNUMBERED * (abs(term.as_coeff_Mul()[0]) == 1 != abs(number))
-                yield _cost_of(number) + unnumbered, Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
+                yield _cost_of(number), Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
                 yield SIGN + cost + plain, Difference(WRONG, term, right)
@@ -423,6 +427,27 @@ class _Search:
         fits = wanted.has(*self.unknowns) == rates[0]
         return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
 
+    def is_numbered(self, row: EquationRow) -> bool:
+        """Return True if the accelerations of an equation are a multiple of those of a right one that is unlikely.
+
+        Likely is a product of symbols, without a number other than -1.
+        """
+        try:
+            slopes = [row.numbers(sample)[0] for sample in self.samples]
+        except OutsideDomain:
+            return False
+        for i in range(len(self.row.statement.names)):
+            masses = [sample.mass[i] for sample in self.samples]
+            if not all(mass[i] for mass in masses):
+                continue
+            factors = [line[i] / mass[i] for line, mass in zip(slopes, masses, strict=True)]
+            entries = zip(slopes, masses, factors, strict=True)
+            left = [max(abs(x - c * y) for x, y in zip(line, mass, strict=False)) for line, mass, c in entries]
+            if all(x <= CLOSE * max(map(abs, line)) for x, line in zip(left, slopes, strict=True)):
+                numbers = sorted((cost, abs(number)) for cost, number, _ in self.multiples(factors))
+                return not numbers or numbers[0][1] != 1
+        return False
+
     def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
         """Return the equation after a change, or None if it is then not linear in the unknowns."""
         sides = list(self.row.sides)
@@ -435,6 +460,12 @@ class _Search:
             return row_of(equation, self.row.statement)
         except StatementError:
             return None
+
+
+def _sums_below(term: Any) -> set[Any]:
+    """Return the sums in the denominators of a product."""
+    powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
+    return {power.base for power in powers if power.exp.is_negative}
 
 
 def _without_float(term: Any) -> Any:

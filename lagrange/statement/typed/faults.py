@@ -8,6 +8,7 @@ from lagrange.statement.typed.derivatives import OPENING
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.tokens import Token
+from lagrange.statement.vocabulary.letters import GREEK
 
 
 class TypedFault(Exception):
@@ -42,7 +43,8 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
     powered = bool(following) and (following[0].is_sign("^") or following[0].kind == "power")
     readings = [reading for reading in readings if all(piece.kind != "e" or powered for piece in reading)]
     if not readings:
-        hint = names.hint(token.text) or (" Write a remark after '#'." if kind_of(token.text) == WORD else "")
+        prose = kind_of(token.text) == WORD and token.text not in GREEK.values()
+        hint = names.hint(token.text) or (" Write a remark after '#'." if prose else "")
         return [UnknownWord(f"{name!r} is not a symbol of this system.{hint}", token.begin)]
     if not differentiated(readings, token, names):
         return [TypedFault(f"{name!r} has no derivative of this order here", token.begin)]

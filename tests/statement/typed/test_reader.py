@@ -360,6 +360,7 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         ),
         ("x''' = 0", ["'x' has no derivative of this order here"]),
         (r"x + \frac{d}{dt", ["'{' is never closed"]),
+        (r"\ddot\psi + x", ["column 1: 'psi' is not a symbol of this system. The symbols"]),
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
         ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
         ("x + = 0", ["a value is missing"]),
