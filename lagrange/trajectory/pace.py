@@ -22,7 +22,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import Part
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of
 from lagrange.trajectory.tableaux.butcher import moved
-from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 LAST_ROWS = 64
@@ -136,7 +136,7 @@ def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | No
     law = slopes_of(problem.model, problem.parameter_array)
     tolerances = state.reals[DriverState.RTOL] * np.abs(y) + state.floors
     with np.errstate(all="ignore"):
-        ratios = np.nan_to_num(np.abs(moved(DOPRI5, law, state.t, y, h)[1]) / tolerances)
+        ratios = np.nan_to_num(np.abs(moved(dopri5(), law, state.t, y, h)[1]) / tolerances)
     limiting = int(np.argmax(ratios))
     layout = problem.model.layout
     kind = layout.q if limiting < layout.q.stop else layout.v

@@ -19,7 +19,7 @@ from lagrange.procedure.interpreter import run
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.radau import POINTS
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
-from lagrange.trajectory.tableaux.dop853 import DOP853
+from lagrange.trajectory.tableaux.dop853 import dop853
 from lagrange.trajectory.tableaux.gauss import collocation_tableau
 from tests.models import TARGETS, build, k, m, model, x, z
 from tests.trajectory.runs import exact
@@ -43,7 +43,7 @@ def of_points(stages: int) -> StepPolynomial:
 
 
 KINDS: dict[str, StepPolynomial] = {
-    "dop853": of_tableau(DOP853)[0],
+    "dop853": of_tableau(dop853())[0],
     **{f"Hermite, order {order}": hermite_polynomial(order) for order in (3, 4, 7)},
     **{f"collocation, {stages} stages": of_points(stages) for stages in POINTS},
 }
@@ -61,7 +61,7 @@ def dense_of(compiled: Model, kind: StepPolynomial) -> Any:
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
     compiled = model("cart and pole", target)
-    path, rows, abscissae, weights = of_tableau(DOP853)
+    path, rows, abscissae, weights = of_tableau(dop853())
     states = states_of(compiled)
     c = dense_of(compiled, path).coefficients(GRID, states, np.array([3]))[:, :, 0]
     h, slopes = GRID[4] - GRID[3], np.zeros((len(rows), states.shape[1]))

@@ -26,10 +26,10 @@ from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
 from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4
-from lagrange.trajectory.tableaux.dop853 import DOP853
-from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.tableaux.rooted_trees import density, formula, size, trees
-from lagrange.trajectory.tableaux.tsit5 import TSIT5
+from lagrange.trajectory.tableaux.tsit5 import tsit5
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B, verner9
 from tests.covering import Share
 from tests.models import TARGETS, build, laws, model, phi, statement_of, theta
@@ -46,7 +46,7 @@ from tests.trajectory.precisely import (
 )
 from tests.trajectory.runs import FIXED, IMPLICIT, MOMENTA, SPLITTINGS, STEPPED, planned, run, stepped
 
-ALL = (EULER, HEUN, MIDPOINT, RK4, BS3, DOPRI5, TSIT5, DOP853, verner9())
+ALL = (EULER, HEUN, MIDPOINT, RK4, BS3, dopri5(), tsit5(), dop853(), verner9())
 Slopes = Callable[[float, Any], Any]
 
 
@@ -96,7 +96,7 @@ def test_trees_are_counted_and_weighed() -> None:
 
 def test_step_control_belongs_to_the_tableau_and_not_to_its_name() -> None:
     """A tableau that is registered under another name steps as it did."""
-    named, renamed = runge_kutta_step(DOPRI5).control, runge_kutta_step(replace(DOPRI5, name="mine")).control
+    named, renamed = runge_kutta_step(dopri5()).control, runge_kutta_step(replace(dopri5(), name="mine")).control
     assert named == renamed and named is not None and named.memory == 0.04
 
 
@@ -125,7 +125,7 @@ def test_the_path_has_its_order_and_meets_both_ends(tableau: ButcherTableau) -> 
     assert slope_of(errors, sizes) > tableau.dense.order + 1 - 0.25
 
 
-@pytest.mark.parametrize(("tableau", "solver"), [(DOPRI5, scipy.integrate.RK45), (DOP853, scipy.integrate.DOP853)])
+@pytest.mark.parametrize(("tableau", "solver"), [(dopri5(), scipy.integrate.RK45), (dop853(), scipy.integrate.DOP853)])
 @pytest.mark.parametrize("h", [0.01, 0.1, 1.0])
 def test_same_step_error_norm_and_path_as_scipy(tableau: ButcherTableau, solver: Any, h: float) -> None:
     y0, theta = np.array([1.0, 0.2]), np.linspace(0, 1, 101)
@@ -142,7 +142,7 @@ def test_same_step_error_norm_and_path_as_scipy(tableau: ButcherTableau, solver:
         path(tableau, pendulum, 0.3, y0, h, theta),
         theirs.dense_output()(theirs.t_old + theta * h),
         rtol=0,
-        atol=2e-13 if h == 1.0 and tableau is DOP853 else 2e-14,
+        atol=2e-13 if h == 1.0 and tableau is dop853() else 2e-14,
     )
 
 
@@ -162,17 +162,17 @@ def test_what_is_derived() -> None:
     assert [tableau.fsal for tableau in ALL] == [
         False, False, False, False, True, True, True, True, False,
     ]  # fmt: skip
-    assert all(isinstance(a, Fraction) for line in DOPRI5.A for a in line)
-    assert DOPRI5.hermite().rows == DOPRI5.A, "the last stage is the slope at the end already"
-    assert DOP853.abscissae[-3:] == (Fraction(1, 10), Fraction(1, 5), Fraction(7, 9))
+    assert all(isinstance(a, Fraction) for line in dopri5().A for a in line)
+    assert dopri5().hermite().rows == dopri5().A, "the last stage is the slope at the end already"
+    assert dop853().abscissae[-3:] == (Fraction(1, 10), Fraction(1, 5), Fraction(7, 9))
     assert all(tableau.source for tableau in ALL)
     root = math.sqrt(6)
     closed = [(12 - 2 * root) / 135, (6 - root) / 45, (6 - root) / 30, (6 + root) / 30]
-    np.testing.assert_allclose([float(c) for c in DOP853.c[1:5]], closed, rtol=1e-15)
+    np.testing.assert_allclose([float(c) for c in dop853().c[1:5]], closed, rtol=1e-15)
 
 
 def test_the_hermite_path_meets_values_and_slopes_at_both_ends() -> None:
-    tableau, y0, h = DOPRI5.hermite(), np.array([1.0, 0.2]), 0.5
+    tableau, y0, h = dopri5().hermite(), np.array([1.0, 0.2]), 0.5
     end, tiny = step(tableau, pendulum, 0.3, y0, h), 1e-6
     near = path(tableau, pendulum, 0.3, y0, h, np.array([0.0, tiny, 1 - tiny, 1.0]))
     np.testing.assert_allclose(near[:, 3], end, atol=1e-15)
@@ -233,7 +233,7 @@ def test_a_claim_of_one_order_more_is_refused_for_every_method() -> None:
             replace(tableau, order=tableau.order + 1, dense=None, error=None)
 
 
-@pytest.mark.parametrize("tableau", [RK4, BS3, DOPRI5, TSIT5, DOP853], ids=lambda tableau: tableau.name)
+@pytest.mark.parametrize("tableau", [RK4, BS3, dopri5(), tsit5(), dop853()], ids=lambda tableau: tableau.name)
 def test_every_wrong_coefficient_is_refused(tableau: ButcherTableau) -> None:
     """Each entry of A and b in turn is off by 1e-6."""
     wrong = Fraction(1, 10**6)

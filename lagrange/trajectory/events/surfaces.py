@@ -132,14 +132,14 @@ MOST_LEAP_STEPS = 2000
 
 @dataclass
 class Continuations:
-    """The leaps of a run so far, by a method with its default tolerances.
+    """The leaps of a run so far; `method` makes the integrator, whose tolerances are the defaults of the leaps.
 
     `rows` are the row numbers from which they begin, `landed` is the time at which the last one ended, and
     `continuations_in_a_row` is the number of successive leaps.
     """
 
     problem: Problem
-    method: Integrator
+    method: Callable[[], Integrator]
     rows: list[int] = field(default_factory=list)
     landed: float = math.nan
     continuations_in_a_row: int = 0
@@ -171,7 +171,7 @@ class Continuations:
             events=(),
             progress=None,
         )
-        run = self.method.integrate(part)
+        run = self.method().integrate(part)
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None

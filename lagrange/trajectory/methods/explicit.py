@@ -23,9 +23,12 @@ from lagrange.trajectory.methods.tolerances import adaptive_settings, check_opti
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
+from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate, moved
+from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.tableaux.rooted_trees import Coefficients
+from lagrange.trajectory.tableaux.tsit5 import tsit5
 from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -152,13 +155,13 @@ def BS3(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
 @built_in("dopri5")
 def Dopri5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Dormand and Prince, order 5(4)."""
-    return RungeKutta(dopri5.DOPRI5, rtol=rtol, atol=atol)
+    return RungeKutta(dopri5(), rtol=rtol, atol=atol)
 
 
 @built_in("tsit5")
 def Tsit5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Tsitouras's adaptive method, order 5(4)."""
-    return RungeKutta(tsit5.TSIT5, rtol=rtol, atol=atol)
+    return RungeKutta(tsit5(), rtol=rtol, atol=atol)
 
 
 @built_in("verner9")
@@ -170,7 +173,7 @@ def Verner9(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
 @built_in("dop853")
 def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Hairer's adaptive method of order 8 with estimates of order 5 and 3."""
-    return RungeKutta(dop853.DOP853, rtol=rtol, atol=atol)
+    return RungeKutta(dop853(), rtol=rtol, atol=atol)
 
 
 def tableau(

@@ -110,7 +110,7 @@ class TaylorPlan:
             return None
         parameters, own = problem.parameter_array, self.tolerances
         absolute = None if own.share else own.margin * own.atol
-        continuations = Continuations(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
+        continuations = Continuations(problem, partial(DOP853, rtol=own.margin * own.rtol, atol=absolute))
         names = partial(watched_names, problem)
         return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 

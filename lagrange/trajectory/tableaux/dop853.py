@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cache
 from math import comb
 
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
@@ -122,13 +123,16 @@ def _path_weights() -> tuple[Coefficients, ...]:
     return tuple(tuple(map(float, powers)) for powers in weights)
 
 
-DOP853 = ButcherTableau(
-    name="dop853",
-    order=8,
-    A=(*_A, _B),
-    b=(*_B, Fraction(0)),
-    c=_C,
-    error=ErrorEstimate(_E5, order=5, damping=(*_E3, Fraction(0)), damping_order=3),
-    dense=DenseOutput(_path_weights(), order=7, stages=_EXTRA, c=row("1/10 1/5 7/9")),
-    source="Hairer, Norsett, Wanner, Solving ODE I, 1993, II.5 and II.10, and the code dop853.f of 1993",
-)
+@cache
+def dop853() -> ButcherTableau:
+    """Return the tableau, built and checked at the first call."""
+    return ButcherTableau(
+        name="dop853",
+        order=8,
+        A=(*_A, _B),
+        b=(*_B, Fraction(0)),
+        c=_C,
+        error=ErrorEstimate(_E5, order=5, damping=(*_E3, Fraction(0)), damping_order=3),
+        dense=DenseOutput(_path_weights(), order=7, stages=_EXTRA, c=row("1/10 1/5 7/9")),
+        source="Hairer, Norsett, Wanner, Solving ODE I, 1993, II.5 and II.10, and the code dop853.f of 1993",
+    )
