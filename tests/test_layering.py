@@ -97,7 +97,6 @@ TYPES_ALONE = {
     "lagrange.graph.functions": "lagrange.graph.node",
     "lagrange.procedure.values": "lagrange.procedure.builder",
     "lagrange.machine.llvm.iterations": "lagrange.machine.llvm.procedures",
-    "lagrange.machine.members.control": "lagrange.machine.members.printer",
     "lagrange.show.race": "lagrange.show.race",
     "lagrange.show.figures.ensemble_figure": "lagrange.show.ensemble",
 }

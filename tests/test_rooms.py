@@ -25,15 +25,14 @@ stand before all rooms of their stage, the entries behind all."""
 MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine records": (),
     "machine/llvm": ("machine records",),
-    "machine/members": ("machine/llvm",),
-    "machine/kernel": ("machine records", "machine/llvm", "machine/members"),
+    "machine/kernel": ("machine records", "machine/llvm"),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/events": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
     "machine entries": (
         *("machine records", "machine/llvm", "machine/kernel"),
-        *("machine/members", "machine/dense", "machine/events", "machine/steps", "machine/series"),
+        *("machine/dense", "machine/events", "machine/steps", "machine/series"),
     ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),

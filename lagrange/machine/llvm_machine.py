@@ -2,23 +2,57 @@
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.members.queue import LANE
 from lagrange.errors import RunError
 from lagrange.machine.backend import DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmStepDense
 from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
-from lagrange.machine.llvm.engine import processor
-from lagrange.machine.members.compiled import MembersCode
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.processor import lanes, processor
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.steps.llvm_driver import LlvmDriver
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
+from lagrange.procedure.lanes import ACTIVE, MemberProcedures
+from lagrange.procedure.rewrite import Pruner
+from lagrange.procedure.spread import COMMON, OWN
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
+
+SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
+
+
+class MembersCode:
+    """A procedure over members, see `lagrange.algorithm.members.queue`, compiled for all lanes of a vector."""
+
+    def __init__(self, procedure: Procedure) -> None:
+        self.lanes = lanes()
+        pruned = Pruner().pruned(procedure)
+        signature = tuple(OWN if one.name == LANE else COMMON for one in pruned.parameters)
+        entry = MemberProcedures(self.lanes).entry(pruned, signature)
+        self._parameters = entry.parameters
+        self._code = Module(module([entry]), optimize=True, often=True)
+        types = [SCALARS[one.type] if isinstance(one.type, Kind) else ctypes.c_void_p for one in self._parameters]
+        self._call = ctypes.CFUNCTYPE(None, *types)(self._code.address(entry.name))
+        numbers = np.arange(self.lanes, dtype=np.int64)
+        self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
+
+    def __call__(self, given: Mapping[str, Any]) -> None:
+        """Run members; arrays are C-contiguous, of doubles or 64-bit whole numbers. Other threads run meanwhile."""
+        known = {**given, **self._known}
+        values = [known[one.name] for one in self._parameters]
+        self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 
 
 @dataclass(frozen=True)

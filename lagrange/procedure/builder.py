@@ -394,7 +394,7 @@ class Builder:
 
     def call(self, callee: Procedure, *args: Any) -> Any:
         """Return the results of another procedure: None, a value or a tuple of values."""
-        return self._call(callee, callee.results, tuple(one.type for one in callee.parameters), args)
+        return self._call(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
 
     def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
         """Return the results of a function that is a parameter."""

@@ -8,7 +8,8 @@ status. The form can therefore be printed as LLVM, C or Python, and `interpreter
     wholes     64-bit signed integers: counts and indices
     flags      true or false
 
-A vector is a value of 2, 4 or 8 of one kind, its entries. Printers without vectors print `unpacked` procedures.
+A vector is a value of 2, 4 or 8 of one kind, its entries. Operations on vectors are those on numbers, entry by entry.
+Printers without vectors print `unpacked` procedures.
 """
 
 from __future__ import annotations
@@ -39,10 +40,14 @@ CONSTANT = "constant"
 
 @dataclass(frozen=True)
 class Record:
-    """Named numbers that persist across calls, eight bytes each: the state of one part of an algorithm."""
+    """Named numbers that persist across calls, eight bytes each: the state of one part of an algorithm.
+
+    With `lanes`, each field is a vector of that many numbers.
+    """
 
     name: str
     fields: tuple[tuple[str, Kind], ...]
+    lanes: int = 1
 
     @classmethod
     def of(cls, name: str, **fields: Kind) -> Record:
@@ -55,13 +60,19 @@ class Record:
         return {name: i for i, (name, _) in enumerate(self.fields)}
 
     def kind(self, field: str) -> Kind:
-        """Return the kind of a field."""
+        """Return the kind of a field, or of the entries of its vector."""
         return self.fields[self.places[field]][1]
+
+    def type_of(self, field: str) -> Kind | Vector:
+        """Return the type of a field."""
+        return of_width(self.kind(field), self.lanes)
 
     @cached_property
     def structure(self) -> type[ctypes.Structure]:
         """The record in memory: Python sets its fields as attributes, and machine code uses its address."""
         types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
+        if self.lanes > 1:
+            types = {kind: one * self.lanes for kind, one in types.items()}
         return type(self.name, (ctypes.Structure,), {"_fields_": [(n, types[kind]) for n, kind in self.fields]})
 
 
@@ -105,6 +116,11 @@ class Vector(NamedTuple):
 
     kind: Kind
     width: int
+
+
+def of_width(kind: Kind, width: int) -> Kind | Vector:
+    """Return the type of a value of a kind, or of a vector of `width` of them."""
+    return Vector(kind, width) if width > 1 else kind
 
 
 Type = Kind | Vector | Array | Record | Callee
@@ -176,21 +192,35 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Entries of an array at the places that a vector of wholes has."""
+    """Entries of an array at the places that a vector of wholes has; with a mask, zero where it is false."""
 
     ref: int
     vector: Vector
     array: int
     places: int
+    mask: int | None = None
 
 
 class VectorStore(NamedTuple):
-    """Write a vector to an array, the first entry at `place`; with a mask only entries where it is true."""
+    """Write a vector to an array, the first entry at `place`; with a mask only entries where it is true.
+
+    `all_there` says that all entries exist, so that those where the mask is false may be read and written back.
+    """
 
     array: int
     place: int
     value: int
     mask: int | None = None
+    all_there: bool = False
+
+
+class Scatter(NamedTuple):
+    """Write a vector to an array at the places that a vector of wholes has, where the mask is true."""
+
+    array: int
+    places: int
+    value: int
+    mask: int
 
 
 class Reserve(NamedTuple):
@@ -233,7 +263,7 @@ class Store(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Read a field of a record."""
+    """Read a field of a record: a number, or a vector of the lanes of the record."""
 
     ref: int
     kind: Kind
@@ -321,6 +351,11 @@ class Fold(NamedTuple):
     factor: int | None = None
     """The second factor of a product."""
 
+    @property
+    def first(self) -> float:
+        """The result without iterations."""
+        return 0.0 if self.op in (*SUMS, "magnitude") else float("-inf")
+
 
 class Each(NamedTuple):
     """A loop over indices from 0 to `iterations`, in any order or at once.
@@ -369,6 +404,7 @@ Statement = (
     | VectorLoad
     | Gather
     | VectorStore
+    | Scatter
     | Reserve
     | ReserveRecord
     | Part
@@ -400,10 +436,15 @@ class Procedure:
     name: str
     about: str
     parameters: tuple[Parameter, ...]
-    results: tuple[Kind, ...]
+    results: tuple[Kind | Vector, ...]
     body: Block
     names: Mapping[int, str]
     apart: bool = False
+
+    @property
+    def numbers(self) -> tuple[Kind, ...]:
+        """The kinds of the results of a procedure that returns no vectors."""
+        return tuple(one for one in self.results if isinstance(one, Kind))
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:
@@ -415,7 +456,7 @@ class Procedure:
         return tuple(found)
 
 
-VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore)
+VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore, Scatter)
 """Statements on vectors, which `unpacked` replaces."""
 
 _BLOCKS: Mapping[type, tuple[str, ...]] = {
@@ -499,9 +540,6 @@ mantissa * 2**exponent with 1 <= mantissa < 2. The exponent of infinity and NaN 
 numbers -1023. `two_to` k is 2**k for a normal result.
 """
 
-
-ENTRYWISE = frozenset(OPERATIONS) - frozenset(ELEMENTARY) - {"atan2", "power"}
-"""Operations on vectors: all that processors compute without a library."""
 
 _RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for taken, result in signatures}
 

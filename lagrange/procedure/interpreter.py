@@ -39,6 +39,7 @@ from lagrange.procedure.form import (
     Repeat,
     Reserve,
     ReserveRecord,
+    Scatter,
     Set,
     SineCosine,
     Store,
@@ -126,12 +127,11 @@ def _reduce(reduce: Reduce, known: Environment) -> None:
 
 def _vector_load(load: VectorLoad | Gather, known: Environment) -> None:
     array, number = known[load.array], float if load.vector.kind is REAL else int
-    mask: Sequence[bool] = (True,) * load.vector.width
+    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else known[load.mask]
     if isinstance(load, Gather):
         places = known[load.places]
     else:
         places = range(known[load.place], known[load.place] + load.vector.width)
-        mask = mask if load.mask is None else known[load.mask]
     known[load.ref] = tuple(number(array[place] if read else 0) for place, read in zip(places, mask, strict=True))
 
 
@@ -139,6 +139,12 @@ def _vector_store(store: VectorStore, known: Environment) -> None:
     for k, value in enumerate(known[store.value]):
         if store.mask is None or known[store.mask][k]:
             known[store.array][known[store.place] + k] = value
+
+
+def _scatter(scatter: Scatter, known: Environment) -> None:
+    for place, value, written in zip(known[scatter.places], known[scatter.value], known[scatter.mask], strict=True):
+        if written:
+            known[scatter.array][place] = value
 
 
 def _reserve(reserve: Reserve, known: Environment) -> None:
@@ -164,7 +170,8 @@ def _store(store: Store, known: Environment) -> None:
 
 
 def _read(read: Read, known: Environment) -> None:
-    known[read.ref] = getattr(known[read.record], read.field)
+    value = getattr(known[read.record], read.field)
+    known[read.ref] = value if isinstance(value, (int, float)) else tuple(value)
 
 
 def _write(write: Write, known: Environment) -> None:
@@ -219,7 +226,7 @@ def _each(each: Each, known: Environment) -> None:
 
 def _folded(fold: Fold, values: Sequence[tuple[float, ...]]) -> float:
     if fold.op not in SUMS:
-        largest = 0.0 if fold.op == "magnitude" else -math.inf
+        largest = fold.first
         for (value,) in values:
             largest = LARGER[fold.op](largest, value)
         return largest
@@ -253,6 +260,7 @@ _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
     VectorLoad: _vector_load,
     Gather: _vector_load,
     VectorStore: _vector_store,
+    Scatter: _scatter,
     Reserve: _reserve,
     ReserveRecord: _reserve_record,
     Part: _part,

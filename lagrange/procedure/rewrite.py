@@ -30,6 +30,7 @@ from lagrange.procedure.form import (
     Reduce,
     Reserve,
     ReserveRecord,
+    Scatter,
     Set,
     SineCosine,
     Statement,
@@ -222,10 +223,13 @@ class _Unpacker:
                     places = self.side_by_side(place, vector.width)
                     flags = None if mask is None else self.entries[mask]
                     self.entries[statement.ref] = self.loaded(statement, places, flags)
-                case Gather(places=wanted):
-                    self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], None)
-                case VectorStore():
-                    self.store(statement)
+                case Gather(places=wanted, mask=mask):
+                    flags = None if mask is None else self.entries[mask]
+                    self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], flags)
+                case VectorStore(place=place, value=value):
+                    self.store(statement, self.side_by_side(place, len(self.entries[value])))
+                case Scatter(places=wanted):
+                    self.store(statement, self.entries[wanted])
                 case _:
                     self.out.append(rebuilt(statement, self.block))
         made, self.out = tuple(self.out), outside
@@ -282,9 +286,8 @@ class _Unpacker:
             self.out += [Declare(variable, kind, zero), When(flags[k], then), Get(ref, kind, variable)]
         return tuple(refs)
 
-    def store(self, store: VectorStore) -> None:
+    def store(self, store: VectorStore | Scatter, places: tuple[int, ...]) -> None:
         """Write the entries of a vector."""
-        entries = self.entries[store.value]
-        for k, (place, value) in enumerate(zip(self.side_by_side(store.place, len(entries)), entries, strict=True)):
+        for k, (place, value) in enumerate(zip(places, self.entries[store.value], strict=True)):
             written = Store(store.array, place, value)
             self.out.append(written if store.mask is None else When(self.entries[store.mask][k], (written,)))

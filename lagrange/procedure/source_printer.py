@@ -371,7 +371,7 @@ class SourcePrinter(Visitor, Syntax):
 def results_of(printer: SourcePrinter, call: Call) -> tuple[Kind, ...]:
     """Return the kinds of the results of a call."""
     if isinstance(call.callee, Procedure):
-        return call.callee.results
+        return call.callee.numbers
     found = printer.types[call.callee]
     assert isinstance(found, Callee)
     return found.results

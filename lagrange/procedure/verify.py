@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from lagrange.errors import LagrangeError
 from lagrange.procedure.form import (
     CONSTANT,
-    ENTRYWISE,
     FLAG,
     PARTIAL,
     REAL,
@@ -38,6 +37,7 @@ from lagrange.procedure.form import (
     Repeat,
     Reserve,
     ReserveRecord,
+    Scatter,
     Set,
     SineCosine,
     Store,
@@ -112,11 +112,11 @@ class _Check(Visitor):
             raise self.error(f"%{ref} is not an array")
         return found
 
-    def record(self, ref: int, field: str) -> Kind:
+    def record(self, ref: int, field: str) -> Record:
         found = self.type(ref)
         if not isinstance(found, Record) or field not in found.places:
             raise self.error(f"%{ref} is not a record with the field {field}")
-        return found.kind(field)
+        return found
 
     @contextmanager
     def scope(self) -> Iterator[None]:
@@ -200,11 +200,9 @@ class _Check(Visitor):
                 count = sum(one.width if isinstance(one, Vector) else 1 for one in known)
                 inside = all(0 <= place < count for place in let.places)
                 found = _entry_kind(first) if inside and len(known) == len(types) else None
-            case op, _ if op in ENTRYWISE:
+            case op, _:
                 kinds = tuple(one.kind for one in types if isinstance(one, Vector) and one.width == width)
                 found = result_kind(op, kinds) if len(kinds) == len(types) else None
-            case _:
-                pass
         if found is not kind:
             raise self.error(f"%{let.ref} = {let.op} gives no vector of {width} {kind}s")
         self.define(let.ref, let.vector)
@@ -218,22 +216,23 @@ class _Check(Visitor):
             raise self.error(f"%{reduce.ref} = {reduce.op} gives no {reduce.kind}")
         self.define(reduce.ref, reduce.kind)
 
-    @visits(VectorLoad, Gather, VectorStore)
-    def vector_memory(self, one: VectorLoad | Gather | VectorStore) -> None:
+    @visits(VectorLoad, Gather, VectorStore, Scatter)
+    def vector_memory(self, one: VectorLoad | Gather | VectorStore | Scatter) -> None:
         held = self.array(one.array)
-        vector = self.type(one.value) if isinstance(one, VectorStore) else one.vector
+        writes = isinstance(one, (VectorStore, Scatter))
+        vector = self.type(one.value) if isinstance(one, (VectorStore, Scatter)) else one.vector
         if not isinstance(vector, Vector) or vector.kind is not held.kind or held.kind is FLAG:
             raise self.error(f"%{one.array} holds no entries of {vector}")
-        if isinstance(one, VectorStore) and held.read:
+        if writes and held.read:
             raise self.error(f"%{one.array} is only read")
-        if isinstance(one, Gather):
+        if isinstance(one, (Gather, Scatter)):
             if self.type(one.places) != Vector(WHOLE, vector.width):
                 raise self.error(f"%{one.places} is not a vector of {vector.width} places")
         else:
             self.kind(one.place, WHOLE)
-            if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
-                raise self.error(f"%{one.mask} is not a mask of {vector.width} flags")
-        if not isinstance(one, VectorStore):
+        if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
+            raise self.error(f"%{one.mask} is not a mask of {vector.width} flags")
+        if isinstance(one, (VectorLoad, Gather)):
             self.define(one.ref, vector)
 
     @visits(Load, Store, Read, Write)
@@ -250,11 +249,11 @@ class _Check(Visitor):
                 self.place(array, index, self.array(array).kind)
                 self.kind(value, self.array(array).kind)
             case Read(ref=ref, kind=kind, record=record, field=field):
-                if self.record(record, field) is not kind:
+                if self.record(record, field).kind(field) is not kind:
                     raise self.error(f"the field {field} is not a {kind}")
-                self.define(ref, kind)
+                self.define(ref, self.record(record, field).type_of(field))
             case Write(record=record, field=field, value=value):
-                self.kind(value, self.record(record, field))
+                self.kind(value, self.record(record, field).type_of(field))
 
     def place(self, array: int, index: int, kind: Kind) -> None:
         self.kind(index, WHOLE)

@@ -15,8 +15,8 @@ from lagrange.trajectory.measures.stiffness import stability_limit, stability_po
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
-from lagrange.trajectory.tableaux.dop853 import DOP853
-from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from tests.models import loaded, shared_scene
 
 BOGACKI_SHAMPINE = ButcherTableau(
@@ -50,13 +50,13 @@ def pendulum(k: float, stretch: float = 0.0, **options: Any) -> Any:
 def test_limits_are_those_of_the_books() -> None:
     # Hairer, Wanner, Solving ODE II, IV.2: 2 for Euler, 2.785 for four stages of order 4, 3.31 for Dormand-Prince 5.
     # A growth of 1 % moves the real limits by less than 0.01.
-    for tableau, real in ((classical.EULER, 2.0), (classical.RK4, 2.785), (DOPRI5, 3.307), (BOGACKI_SHAMPINE, 2.513)):
+    for tableau, real in ((classical.EULER, 2.0), (classical.RK4, 2.785), (dopri5(), 3.307), (BOGACKI_SHAMPINE, 2.513)):
         assert stability_limit(stability_polynomial(tableau), math.pi) == pytest.approx(real, abs=0.015)
     assert stability_limit(stability_polynomial(classical.RK4), math.pi / 2) == pytest.approx(2**1.5, abs=0.01)
     assert stability_polynomial(classical.RK4) == pytest.approx(taylor_polynomial(4))
 
 
-@pytest.mark.parametrize("polynomial", [stability_polynomial(DOP853), taylor_polynomial(8), taylor_polynomial(30)])
+@pytest.mark.parametrize("polynomial", [stability_polynomial(dop853()), taylor_polynomial(8), taylor_polynomial(30)])
 def test_a_limit_is_where_growth_begins(polynomial: tuple[float, ...]) -> None:
     for angle in np.linspace(math.pi / 2, math.pi, 5):
         limit = stability_limit(polynomial, angle)
@@ -106,7 +106,7 @@ def test_an_undamped_stiff_oscillation_is_seen(method: str, rtol: float) -> None
 
 def test_the_limit_on_the_imaginary_axis_is_where_growth_begins() -> None:
     # Where |R(iy)| first exceeds 1: 1.0 for Dormand and Prince, sqrt(3) for Bogacki and Shampine's third order.
-    for tableau, limit in ((DOPRI5, 1.0), (BOGACKI_SHAMPINE, 3**0.5)):
+    for tableau, limit in ((dopri5(), 1.0), (BOGACKI_SHAMPINE, 3**0.5)):
         polynomial = stability_polynomial(tableau)
         for angle in (math.pi / 2, math.pi / 2 + 1e-9, math.pi / 2 - 1e-9):
             assert stability_limit(polynomial, angle) == pytest.approx(limit, abs=0.03)

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.members.module import members_module
+from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, Record
 from lagrange.procedure.interpreter import run
+from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.spread import COMMON, OWN, Spreads
+from lagrange.procedure.spread import COMMON, OWN
+from lagrange.procedure.verify import verify
 from tests.procedure import random_procedures
 from tests.procedure.random_procedures import KEPT, SIZE, RandomProcedure
 from tests.procedure.test_conformance import DATA, TABLE, bits
@@ -47,7 +49,31 @@ def interleaved(rows: Any) -> np.ndarray[Any, Any]:
     return np.ascontiguousarray(np.array(rows).T)
 
 
-def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, *, optimize: bool, own_n: bool) -> Any:
+def compiled(entry: Procedure, *, optimize: bool) -> Any:
+    """Return an entry in machine code, called with numbers and arrays."""
+    code = Module(module([entry]), optimize=optimize)
+
+    def call(*given: Any) -> None:
+        types = [ctypes.c_void_p if isinstance(one, np.ndarray) else ctypes.c_int64 for one in given]
+        values = [one.ctypes.data if isinstance(one, np.ndarray) else one for one in given]
+        ctypes.CFUNCTYPE(None, *types)(code.address(entry.name))(*values)
+
+    return call
+
+
+def interpreted(entry: Procedure) -> Any:
+    """Return an entry run statement by statement, called with numbers and arrays."""
+
+    def call(*given: Any) -> None:
+        arrays: list[Any] = [one.ravel() if isinstance(one, np.ndarray) else one for one in given]
+        records = [one.type.structure if isinstance(one.type, Record) else None for one in entry.parameters]
+        pairs = zip(arrays, records, strict=True)
+        run(entry, *[one if record is None else record.from_buffer(one) for one, record in pairs])
+
+    return call
+
+
+def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: str, *, own_n: bool) -> Any:
     """Run members side by side; return the results of each with its data and record."""
     xs, ys = (np.array([member[k] for member in members], dtype=float) for k in (0, 1))
     ns = np.array([member[2] for member in members], dtype=np.int64)
@@ -57,20 +83,18 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, *, opt
     shares = {"x": OWN, "y": OWN, "n": OWN if own_n else COMMON, "data": OWN, "table": COMMON, "kept": OWN}
     memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": TABLE, "kept": kept}
     signature = tuple(shares[one.name] for one in procedure.parameters)
-    code = Module(members_module(procedure, signature, lanes), optimize=optimize)
-    results = np.zeros((len(procedure.results), lanes))
-    given: list[Any] = []
-    for one in procedure.parameters:
-        by_value = one.name == "n" and not own_n
-        given.append(ctypes.c_int64(int(ns[0])) if by_value else ctypes.c_void_p(memory[one.name].ctypes.data))
-    call = ctypes.CFUNCTYPE(None, ctypes.c_int64, *map(type, given), ctypes.c_void_p)(code.address(procedure.name))
-    call(active, *given, results.ctypes.data)
-    found, differing = [], Spreads().of(procedure, signature).results
+    entry = MemberProcedures(lanes).entry(procedure, signature)
+    for one in (*entry.callees, entry):
+        verify(one)
+    results = [np.zeros(lanes, dtype=float if kind is REAL else np.int64) for kind in procedure.results]
+    memory |= {f"result{k}": row for k, row in enumerate(results)}
+    memory[ACTIVE] = np.array([active >> k & 1 for k in range(lanes)])
+    given = [int(ns[0]) if one.name == "n" and not own_n else memory[one.name] for one in entry.parameters]
+    call = interpreted(entry) if life == "interpreter" else compiled(entry, optimize=life == "optimized")
+    call(*given)
+    found = []
     for k in range(lanes):
-        values: list[Any] = []
-        for kind, row, own in zip(procedure.results, results, differing, strict=True):
-            place = k if own else 0
-            values.append(float(row[place]) if kind is REAL else int(row.view(np.int64)[place]))
+        values: list[Any] = [row[k].item() for row in results]
         after = [*map(float, data[:SIZE, k]), float(kept[0, k]), int(kept.view(np.int64)[1, k])]
         found.append([bits(one) for one in (*values, *after)])
     return found
@@ -88,6 +112,7 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
+    """Half of the procedures run in the interpreter as well, which has no machine's vectors."""
     procedure = bound(RandomProcedure(seed, fused=True).build(), functions())
     draw = random.Random(seed)
     for own_n in (True, False):
@@ -97,10 +122,11 @@ def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
             for _ in range(lanes)
         ]
         active = draw.randrange(1, 2**lanes)
-        found = in_lanes(procedure, members, lanes, active, optimize=seed % 2 == 0, own_n=own_n)
-        for k, member in enumerate(members):
-            if active >> k & 1:
-                assert found[k] == alone(procedure, member), (k, member)
+        for life in ("plain", "interpreter") if seed % 2 else ("optimized",):
+            found = in_lanes(procedure, members, lanes, active, life, own_n=own_n)
+            for k, member in enumerate(members):
+                if active >> k & 1:
+                    assert found[k] == alone(procedure, member), (life, k, member)
 
 
 def test_whole_numbers_change_their_signs() -> None:
@@ -109,7 +135,7 @@ def test_whole_numbers_change_their_signs() -> None:
     data[0] = p.real(-n)
     procedure = p.finish()
     members = [(0.0, 0.0, n) for n in (-3, 0, 1, 2**40)]
-    found = in_lanes(procedure, members, len(members), 15, optimize=False, own_n=True)
+    found = in_lanes(procedure, members, len(members), 15, "plain", own_n=True)
     assert [row[0] for row in found] == [bits(float(-n)) for *_, n in members]
 
 

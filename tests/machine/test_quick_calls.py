@@ -22,8 +22,8 @@ from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
 from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
-from lagrange.machine.llvm.engine import lanes
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
+from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet

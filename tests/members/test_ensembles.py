@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.machine.llvm.engine import lanes
+from lagrange.machine.llvm.processor import lanes
 from lagrange.members import work
 from lagrange.members.work import ThreadRunner
 

@@ -48,9 +48,9 @@ def in_machine_code(procedure: Procedure, x: float, y: float, n: int, data: Any,
     text = module([procedure])
     kinds: dict[Kind, Any] = {REAL: ctypes.c_double, FLAG: ctypes.c_bool}
     result = ctypes.create_string_buffer(256)
-    fields = [(f"r{i}", kinds.get(kind, ctypes.c_int64)) for i, kind in enumerate(procedure.results)]
+    fields = [(f"r{i}", kinds.get(kind, ctypes.c_int64)) for i, kind in enumerate(procedure.numbers)]
     structure: Any = type("Results", (ctypes.Structure,), {"_fields_": fields})
-    machine_types = ", ".join({REAL: "double", FLAG: "i1"}.get(kind, "i64") for kind in procedure.results)
+    machine_types = ", ".join({REAL: "double", FLAG: "i1"}.get(kind, "i64") for kind in procedure.numbers)
     returned = "{" + machine_types + "}"
     wrapper = (
         f"{IN_MACHINE_CODE}"

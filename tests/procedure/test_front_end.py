@@ -57,7 +57,7 @@ def flat(args: Any) -> list[Any]:
 def machine_code(form: Procedure) -> Callable[..., Any]:
     """Return the compiled procedure as a function of its arguments."""
     types = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
-    results = ", ".join(types[kind] for kind in form.results)
+    results = ", ".join(types[kind] for kind in form.numbers)
     kinds = [one.type if isinstance(one.type, Kind) else None for one in form.parameters]
     takes = ", ".join(f"{types[kind] if kind else 'ptr'} %a{i}" for i, kind in enumerate(kinds))
     returned = f"{{{results}}}" if len(form.results) > 1 else results
@@ -66,7 +66,7 @@ def machine_code(form: Procedure) -> Callable[..., Any]:
     compiled = Module(module([form]) + text, optimize=True)
     c_types = [C_TYPES[kind] if kind else ctypes.c_void_p for kind in kinds]
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *c_types)(compiled.address("wrapper"))
-    fields = [(f"r{i}", C_TYPES[kind]) for i, kind in enumerate(form.results)]
+    fields = [(f"r{i}", C_TYPES[kind]) for i, kind in enumerate(form.numbers)]
     structure: Any = type("Results", (ctypes.Structure,), {"_fields_": fields, "code": compiled})
 
     def run_compiled(*args: Any) -> Any:

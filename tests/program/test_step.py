@@ -31,13 +31,13 @@ from lagrange.trajectory.methods.implicit import backward_euler, bdf2
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 from lagrange.trajectory.methods.variational import variational_midpoint
 from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4
-from lagrange.trajectory.tableaux.dop853 import DOP853
-from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state, mechanism
 from tests.models import k, laws, m, stated, x, y
 
 STEPS = {
-    **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, DOPRI5, DOP853)},
+    **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, dopri5(), dop853())},
     **{method.name: splitting_step(method.name, method.stages) for method in (SymplecticEuler(), VelocityVerlet())},
 }
 

@@ -28,7 +28,7 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y, z
 from tests.show.examples import oscillator
@@ -427,7 +427,7 @@ def test_a_tableau_of_high_order_without_a_path_gets_one() -> None:
     """The cubic of a tableau of one's own is of order 3, too little for a method of order 5."""
     compiled, times = model("Henon-Heiles"), np.linspace(0.0, 3.0, 203)
     truth = exact(compiled, 3.0, t_eval=times).y
-    bare = replace(DOPRI5, error=None, dense=None).hermite()
+    bare = replace(dopri5(), error=None, dense=None).hermite()
     runs = [run(compiled, 3.0, RungeKutta(bare, step=3.0 / n)).dense(times) for n in (24, 48)]
     errors = [np.abs(found - truth).max() for found in runs]
     assert np.log2(errors[0] / errors[1]) > 4.65, errors

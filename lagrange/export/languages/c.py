@@ -137,7 +137,7 @@ def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
         yield structure(c_names.record(record), record.fields)
     for procedure in procedures:
         if len(procedure.results) > 1:
-            results = [(f"r{k}", kind) for k, kind in enumerate(procedure.results)]
+            results = [(f"r{k}", kind) for k, kind in enumerate(procedure.numbers)]
             yield structure(c_names.result(procedure), results)
 
 

@@ -252,7 +252,7 @@ class CNames:
         """Return the type of the results of a procedure."""
         if len(procedure.results) > 1:
             return f"{self.function(procedure.name)}_results"
-        return KINDS[procedure.results[0]] if procedure.results else "void"
+        return KINDS[procedure.numbers[0]] if procedure.results else "void"
 
     def signature(
         self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""

@@ -18,7 +18,8 @@ from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_module import KernelCode, in_registers, solves
 from lagrange.machine.llvm.address import address
-from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of_columns
+from lagrange.machine.llvm.engine import Module, linear_solver, solver_of_columns
+from lagrange.machine.llvm.processor import lanes
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096

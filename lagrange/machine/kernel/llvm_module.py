@@ -17,6 +17,7 @@ program as [size][count], out[size][count]. It returns the first column with a s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,11 +25,12 @@ from lagrange.algorithm.kernel.body import Style
 from lagrange.algorithm.kernel.kernels import cleared_outputs, kernel, kernel_by_value, kernel_through_values, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.procedures import declaration, function, joined
-from lagrange.machine.members.operations import declarations
-from lagrange.machine.members.printer import MemberProgram
-from lagrange.machine.members.spliced import SplicedPrinter
-from lagrange.procedure.form import Procedure
+from lagrange.machine.llvm.iterations import number_of_angles
+from lagrange.machine.llvm.operations import splat
+from lagrange.machine.llvm.procedures import Printer, declaration, function, joined
+from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
+from lagrange.procedure.lanes import MemberProcedures
+from lagrange.procedure.spread import COMMON, OWN
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
 
@@ -105,12 +107,24 @@ class KernelCode:
 
     def column_module(self, lanes: int) -> str:
         """Return the IR of the kernel over columns."""
-        quickly = lanes > 1
+        quickly, by_value = lanes > 1, self._in_lanes(lanes) if lanes > 1 else None
         alone = [function(one, hidden=True, outside=self.scalar, quickly=quickly) for one in self.scalar]
-        program = MemberProgram(lanes)
-        made = [*alone, self._alone(), self._columns(program), *program.functions()]
-        lines = [declarations(lanes)] if lanes > 1 else []
-        return joined(made, [*lines, *(declaration(one) for one in self.called)])
+        called = [] if by_value is None else [function(one, hidden=True) for one in by_value.callees]
+        made = [*alone, *called, self._alone(), self._columns(lanes, by_value)]
+        return joined(made, [declaration(one) for one in self.called])
+
+    @cached_property
+    def _places(self) -> list[int]:
+        """The outputs that a kernel over columns computes; the others are zero."""
+        cleared = cleared_outputs(self.program)
+        return [k for k in range(len(self.program.outputs)) if k not in cleared]
+
+    def _in_lanes(self, lanes: int) -> Procedure:
+        """Return the kernel of `lanes` columns, whose arguments and results are vectors."""
+        outputs = [self.program.outputs[k] for k in self._places]
+        by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
+        signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in by_value.parameters)
+        return MemberProcedures(lanes).of(by_value, signature)
 
     @property
     def _bases(self) -> list[str]:
@@ -134,35 +148,29 @@ class KernelCode:
         given = ", ".join(f"ptr noalias {base}" for base in (*self._bases, "%p", "%out"))
         return e.function(f"define internal i32 @{name}_alone(i64 %count, i64 %column, {given}) noinline #1")
 
-    def _columns(self, members: MemberProgram) -> str:
-        e, name, lanes = Emitter(), self.program.name, members.lanes
+    def _columns(self, lanes: int, by_value: Procedure | None) -> str:
+        e, name = Emitter(), self.program.name
         given = ", ".join(f"ptr {base}" for base in (*self._bases, "%p", "%out"))
-        cleared = cleared_outputs(self.program) if lanes > 1 else frozenset()
-        if cleared:
+        if by_value is not None and len(self._places) < len(self.program.outputs):
             with e.loop(0, e.value(f"mul nsw i64 %count, {len(self.program.outputs)}")) as k:
                 e.put("0.0", "%out", k)
         with e.loop(0, "%count", lanes) as i:
-            if lanes == 1:
+            if by_value is None:
                 _leave_if(e, e.value(f"call i32 @{name}_alone(i64 %count, i64 {i}, {given})"), i)
             else:
-                self._block(e, i, members, given, cleared)
+                self._block(e, i, lanes, given, by_value)
         e.do("ret i64 -1")
         return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
 
-    def _block(self, e: Emitter, i: str, members: MemberProgram, given: str, cleared: frozenset[int]) -> None:
-        """Emit the evaluation of `lanes` columns from column `i` on, except for outputs that are `cleared`.
-
-        Columns that need pivoting are repeated alone.
-        """
-        program, lanes = self.program, members.lanes
-        places = [k for k in range(len(program.outputs)) if k not in cleared]
-        by_value = kernel_by_value(program, self.prepared, [program.outputs[k] for k in places], style=LANES)
+    def _block(self, e: Emitter, i: str, lanes: int, given: str, by_value: Procedure) -> None:
+        """Emit the evaluation of `lanes` columns from column `i` on. Columns that need pivoting are repeated alone."""
+        program = self.program
         kind = f"<{lanes} x double>"
         rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
         times = e.load(e.address("%t", i), kind)
         state = [e.load(e.address(base, _row(e, place, i)), kind) for base, place in rows]
-        *results, bad = SplicedPrinter(e, members, by_value).results([times, *state, "%p"])
-        for place, value in zip(places, results, strict=True):
+        *results, bad = _spliced(e, by_value, lanes, [splat(e, "true", FLAG, lanes), times, *state, "%p"])
+        for place, value in zip(self._places, results, strict=True):
             e.store(value, e.address("%out", _row(e, place, i)), kind)
         if not bad.startswith("%"):
             return
@@ -172,6 +180,24 @@ class KernelCode:
             with e.when(picked):
                 column = e.value(f"add nsw i64 {i}, {lane}")
                 _leave_if(e, e.value(f"call i32 @{program.name}_alone(i64 %count, i64 {column}, {given})"), i)
+
+
+def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
+    """Print a procedure in lanes inside another function, and return its results as vectors.
+
+    The procedure ends at its last statement.
+    """
+    printer = Printer(procedure, e=e, angles=number_of_angles(procedure.body))
+    for parameter, argument in zip(procedure.parameters, arguments, strict=True):
+        printer.define(parameter.ref, argument, parameter.type)
+    *statements, end = procedure.body
+    assert isinstance(end, Leave)
+    printer.block(tuple(statements))
+    pairs = zip(end.values, procedure.results, strict=True)
+    return [
+        splat(e, printer.values[ref], kind, lanes) if isinstance(kind, Kind) else printer.values[ref]
+        for ref, kind in pairs
+    ]
 
 
 def _leave_if(e: Emitter, status: str, column: str) -> None:

@@ -108,7 +108,7 @@ def _argument(e: Emitter, place: int, kind: Any) -> str:
 
 def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
     """Store the results in the words after the arguments."""
-    results = separated(e, [KINDS[one] for one in procedure.results], value)
+    results = separated(e, [argument_type(one) for one in procedure.results], value)
     for i, (one, found) in enumerate(zip(procedure.results, results, strict=True)):
         word = e.value(f"zext i1 {found} to i64") if one is FLAG else found
-        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if one is FLAG else KINDS[one])
+        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if one is FLAG else argument_type(one))

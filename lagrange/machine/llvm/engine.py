@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import ctypes.util
 import hashlib
 import threading
 from collections.abc import Callable
@@ -18,10 +16,9 @@ from lagrange.algorithm.linear.ldl import factor_dense, invert_dense, solve_colu
 from lagrange.algorithm.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.object_code import ObjectCode
-from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.processor import start
 from lagrange.procedure.form import Procedure
-from lagrange.program.program import ARITY
 from lagrange.statement.run_settings import check_time
 
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
@@ -140,16 +137,6 @@ def assembly(text: str, *, optimize: bool = False) -> str:
     return str(machine.emit_assembly(parsed))
 
 
-@cache
-def start() -> None:
-    """Set up LLVM for this process: target, mathematics library and the linear solver."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    mathematics = ctypes.util.find_library("m")
-    if mathematics is not None:
-        llvm.load_library_permanently(mathematics)
-
-
 def linear_solver(*, often: bool) -> None:
     """Compile the linear solver, once per process; without LLVM's passes unless a model needs it `often`.
 
@@ -196,33 +183,6 @@ def _inversion() -> Module:
     made = Module(module([invert.form()], elsewhere=dense_solver()))
     llvm.add_symbol(invert.form().name, made.address(invert.form().name))
     return made
-
-
-@cache
-def lanes() -> int:
-    """Return the number of doubles in a vector register of this processor."""
-    features = llvm.get_host_cpu_features()
-    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
-
-
-@cache
-def processor() -> str:
-    """Return the target of compilation: the processor's name in LLVM, and the doubles of its vectors."""
-    return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
-
-
-@cache
-def vector_routines() -> dict[str, str]:
-    """Return glibc's vector routine (libmvec) for each operation that has one on this processor."""
-    start()
-    try:
-        routines = ctypes.CDLL("libmvec.so.1")
-    except OSError:
-        return {}
-    llvm.load_library_permanently("libmvec.so.1")
-    prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
-    names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{LIBRARY[op]}" for op in sorted(LIBRARY)}
-    return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 
 @cache

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.operations import largest_magnitude, spell, splat, type_of
 from lagrange.procedure.form import (
+    ANGLES,
     FLAG,
     PARTIAL,
     REAL,
@@ -18,11 +19,15 @@ from lagrange.procedure.form import (
     Declare,
     Each,
     Fold,
+    Gather,
     Let,
     Load,
     Part,
     Set,
+    SineCosine,
     Store,
+    VectorLet,
+    VectorLoad,
     walk,
 )
 
@@ -60,7 +65,7 @@ class Lanes:
         count = printer.values[each.iterations]
         for ref in self.outside():
             printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
-        start = [splat(self.e, literal(neutral(fold)), REAL, self.lanes) for fold in each.folds]
+        start = [splat(self.e, literal(fold.first), REAL, self.lanes) for fold in each.folds]
         sums = [[one] * (self.stride // self.lanes) for one in start]
         known = number(count)
         if known is None:
@@ -168,11 +173,6 @@ class Lanes:
         return found[0]
 
 
-def neutral(fold: Fold) -> float:
-    """Return the initial value of a reduction."""
-    return 0.0 if fold.op in (*SUMS, "magnitude") else float("-inf")
-
-
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
     """Print the combination of the partial result `total` of a reduction with one more value, and return it."""
     if op != "most":
@@ -189,6 +189,19 @@ def accesses(block: Block) -> Iterator[Load | Store]:
 def eaches(block: Block) -> Iterator[Each]:
     """Yield every `each` in a block."""
     return (statement for statement in walk(block) if isinstance(statement, Each))
+
+
+def number_of_angles(block: Block) -> int:
+    """Return the number of sines and cosines in a block; a pair counts once."""
+    return sum(
+        isinstance(one, SineCosine) or (isinstance(one, (Let, VectorLet)) and one.op in ANGLES) for one in walk(block)
+    )
+
+
+def widest(block: Block) -> int:
+    """Return the largest vector width in a block, of vectors or of parallel iterations, at least 1."""
+    vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
+    return max([1, *(each.width for each in eaches(block)), *vectors])
 
 
 def base_arrays(block: Block) -> dict[int, int]:

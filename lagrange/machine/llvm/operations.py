@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let, Type
+from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let, Type, Vector
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
@@ -46,6 +46,9 @@ def declarations() -> str:
                 name = suffix(vector)
                 lines.append(f"declare void @llvm.masked.store.{name}.p0({vector}, ptr, i32, {mask})")
                 lines.append(f"declare {vector} @llvm.masked.load.{name}.p0(ptr, i32, {mask}, {vector})")
+                at = f"{name}.v{lanes}p0", f"<{lanes} x ptr>"
+                lines.append(f"declare {vector} @llvm.masked.gather.{at[0]}({at[1]}, i32, {mask}, {vector})")
+                lines.append(f"declare void @llvm.masked.scatter.{at[0]}({vector}, {at[1]}, i32, {mask})")
         for op, name in INTRINSICS.items():
             lines.append(declaration(f"llvm.{name}.{suffix(kind)}", op, lanes))
     for lanes in WIDTHS:
@@ -180,17 +183,17 @@ def _mantissa(e: Emitter, x: str, lanes: int) -> str:
 _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
 
 
-def result_type(results: Sequence[Kind]) -> str:
+def result_type(results: Sequence[Type]) -> str:
     """Return LLVM's return type for some results."""
-    return together([KINDS[kind] for kind in results])
+    return together([argument_type(kind) for kind in results])
 
 
-def foreign_type(kind: Kind) -> str:
+def foreign_type(kind: Type) -> str:
     """Return LLVM's result type of a function called from outside: a flag is C's int."""
-    return "i32" if kind is FLAG else KINDS[kind]
+    return "i32" if kind is FLAG else argument_type(kind)
 
 
-def convention(results: Sequence[Kind]) -> str:
+def convention(results: Sequence[Type]) -> str:
     """Return the calling convention of a function called from outside: it returns several results in registers."""
     return "swiftcc " if len(results) > 1 else ""
 
@@ -227,4 +230,6 @@ def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
 
 def argument_type(kind: Type) -> str:
     """Return LLVM's type of an argument."""
+    if isinstance(kind, Vector):
+        return type_of(*kind)
     return KINDS[kind] if isinstance(kind, Kind) else "ptr"

@@ -12,7 +12,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.iterations import IterationBlock, Lanes, accesses, base_arrays, eaches, number
+from lagrange.machine.llvm.iterations import (
+    IterationBlock,
+    Lanes,
+    accesses,
+    base_arrays,
+    number,
+    number_of_angles,
+    widest,
+)
 from lagrange.machine.llvm.operations import (
     KINDS,
     argument_type,
@@ -29,13 +37,14 @@ from lagrange.machine.llvm.operations import (
     together,
     type_of,
 )
+from lagrange.machine.llvm.processor import routines
 from lagrange.machine.llvm.sine_cosine import (
     angle_function,
     call_sine_and_cosine,
     called_for_angles,
     sine_and_cosine,
 )
-from lagrange.machine.llvm.vectors import PrinterState, printed, store
+from lagrange.machine.llvm.vectors import PrinterState, printed, scatter, store
 from lagrange.procedure.form import (
     ANGLES,
     CONSTANT,
@@ -68,6 +77,7 @@ from lagrange.procedure.form import (
     Repeat,
     Reserve,
     ReserveRecord,
+    Scatter,
     Set,
     SineCosine,
     Statement,
@@ -80,7 +90,6 @@ from lagrange.procedure.form import (
     When,
     Write,
     assigned,
-    walk,
 )
 from lagrange.procedure.visit import Visitor, visits
 
@@ -133,18 +142,8 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module of functions, with declarations and attributes."""
     angles = [angle_function(width) for width in WIDTHS if any(called_for_angles(width) in one for one in functions)]
-    return "\n".join([declarations(), *declared, *angles, *functions, METADATA, ATTRIBUTES])
-
-
-def number_of_angles(block: Block) -> int:
-    """Return the number of sines and cosines in a block; a pair counts once."""
-    return sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in walk(block))
-
-
-def widest(block: Block) -> int:
-    """Return the largest vector width in a block, of vectors or of parallel iterations, at least 1."""
-    vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
-    return max([1, *(each.width for each in eaches(block)), *vectors])
+    called = [text for name, text in routines().items() if any(f"@{name}(" in one for one in functions)]
+    return "\n".join([declarations(), *declared, *called, *angles, *functions, METADATA, ATTRIBUTES])
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
@@ -237,7 +236,7 @@ class Printer(Visitor):
 
     def result_types(self) -> list[str]:
         """Return LLVM's types of the results. For a caller from outside flags are C's ints."""
-        return [foreign_type(kind) if self.foreign else KINDS[kind] for kind in self.procedure.results]
+        return [foreign_type(kind) if self.foreign else argument_type(kind) for kind in self.procedure.results]
 
     # --- definitions of numbers
 
@@ -350,7 +349,8 @@ class Printer(Visitor):
     def place(self, one: ReserveRecord | Part) -> None:
         """Print the address of a new record of zeros, or of a part of an array."""
         if isinstance(one, ReserveRecord):
-            self.define(one.ref, self.e.reserve(numbers := f"[{len(one.record.fields)} x i64]"), one.record)
+            count = len(one.record.fields) * one.record.lanes
+            self.define(one.ref, self.e.reserve(numbers := f"[{count} x i64]"), one.record)
             return self.e.store("zeroinitializer", self.values[one.ref], numbers)
         held = self.array(one.array)
         place = self.e.address(self.values[one.array], self.values[one.start], KINDS[held.kind])
@@ -372,19 +372,25 @@ class Printer(Visitor):
         return self.define(let.ref, made, let.kind, wide=lanes > 1)
 
     @visits(*VECTOR_STATEMENTS)
-    def on_vectors(self, statement: VectorLet | Reduce | VectorLoad | Gather | VectorStore) -> None:
+    def on_vectors(self, statement: VectorLet | Reduce | VectorLoad | Gather | VectorStore | Scatter) -> None:
         """Print a statement on short vectors."""
         known = PrinterState(self.e, self.values, self.types)
-        if isinstance(statement, VectorStore):
-            store(known, statement)
-        else:
-            kind = statement.kind if isinstance(statement, Reduce) else statement.vector
-            self.define(statement.ref, printed(known, statement), kind)
+        match statement:
+            case VectorStore():
+                store(known, statement)
+            case Scatter():
+                scatter(known, statement)
+            case VectorLet(op=op) if op in ANGLES:
+                self.define(statement.ref, self.angle(*statement.args)[ANGLES.index(op)], statement.vector)
+            case _:
+                kind = statement.kind if isinstance(statement, Reduce) else statement.vector
+                self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
         """Return the sine and the cosine of an angle: written out for few angles, else by a function call."""
         if self.angles is None:
-            self.angles = number_of_angles(self.procedure.body)
+            in_lanes = any(isinstance(one.type, Vector) for one in self.procedure.parameters)
+            self.angles = INLINE_ANGLES + 1 if in_lanes else number_of_angles(self.procedure.body)
         make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
         kind = self.types[ref]
         return make(self.e, self.values[ref], kind.width if isinstance(kind, Vector) else self.lanes(ref))
@@ -401,13 +407,23 @@ class Printer(Visitor):
             case Store():
                 self.store(statement)
             case Read(ref=ref, kind=kind, record=record, field=field):
-                held = self.types[record]
-                assert isinstance(held, Record)
-                self.define(ref, e.get(self.values[record], held.places[field], KINDS[kind]), kind)
+                found = e.load(self.field(record, field), type_of(kind, self.record(record).lanes))
+                self.define(ref, found, self.record(record).type_of(field))
             case Write(record=record, field=field, value=value):
-                held = self.types[record]
-                assert isinstance(held, Record)
-                e.put(self.values[value], self.values[record], held.places[field], KINDS[held.kind(field)])
+                e.store(
+                    self.values[value], self.field(record, field), argument_type(self.record(record).type_of(field))
+                )
+
+    def record(self, ref: int) -> Record:
+        """Return the type of a record."""
+        found = self.types[ref]
+        assert isinstance(found, Record)
+        return found
+
+    def field(self, ref: int, field: str) -> str:
+        """Return the address of a field of a record."""
+        held = self.record(ref)
+        return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
     def store(self, store: Store) -> None:
         """Store a number, or a vector limited to the entries of the array that its iterations own."""
@@ -462,10 +478,10 @@ class Printer(Visitor):
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
-    def called(self, call: Call, what: str, results: tuple[Kind, ...], *, foreign: bool = False) -> None:
+    def called(self, call: Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
         """Print a call and define its results; flags of a `foreign` function are C's ints."""
         e = self.e
-        types = [foreign_type(kind) if foreign else KINDS[kind] for kind in results]
+        types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
         whole = together(types)
         made = f"call {convention(results) if foreign else ''}{whole} {what}"
         if not results:

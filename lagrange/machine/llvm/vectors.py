@@ -6,8 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.machine.llvm.emitter import Emitter, suffix
-from lagrange.machine.llvm.operations import KINDS, spell, splat, type_of
-from lagrange.procedure.form import Gather, Kind, Reduce, Type, Vector, VectorLet, VectorLoad, VectorStore
+from lagrange.machine.llvm.operations import KINDS, LIBRARY, spell, splat, type_of
+from lagrange.machine.llvm.processor import call_library
+from lagrange.procedure.form import (
+    WHOLE,
+    Gather,
+    Kind,
+    Reduce,
+    Scatter,
+    Type,
+    Vector,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
+)
 
 
 @dataclass(frozen=True)
@@ -44,8 +56,8 @@ def _operation(known: PrinterState, let: VectorLet) -> str:
     e, (_, width) = known.e, let.vector
     if let.op == "permute":
         return _permuted(known, let)
-    kinds = tuple(_vector(known, arg).kind for arg in let.args)
-    return spell(e, let.op, kinds, [known.values[arg] for arg in let.args], width)
+    kinds, args = tuple(_vector(known, arg).kind for arg in let.args), [known.values[arg] for arg in let.args]
+    return call_library(e, let.op, args, width) if let.op in LIBRARY else spell(e, let.op, kinds, args, width)
 
 
 def _permuted(known: PrinterState, let: VectorLet) -> str:
@@ -135,11 +147,22 @@ def _listed(places: Sequence[int]) -> str:
 def _gathered(known: PrinterState, gather: Gather) -> str:
     """Return the entries of an array at the indices in a vector."""
     e, (kind, width), made = known.e, gather.vector, "poison"
+    if gather.mask is not None:
+        vector = type_of(kind, width)
+        given = f"{_pointers(known, gather, kind, width)}, i32 8, <{width} x i1> {known.values[gather.mask]}"
+        name = f"llvm.masked.gather.{suffix(vector)}.v{width}p0"
+        return e.value(f"call {vector} @{name}(<{width} x ptr> {given}, {vector} zeroinitializer)")
     for k in range(width):
         place = e.value(f"extractelement <{width} x i64> {known.values[gather.places]}, i64 {k}")
         value = e.get(known.values[gather.array], place, KINDS[kind])
         made = e.value(f"insertelement {type_of(kind, width)} {made}, {KINDS[kind]} {value}, i64 {k}")
     return made
+
+
+def _pointers(known: PrinterState, one: Gather | Scatter, kind: Kind, width: int) -> str:
+    """Return the addresses of entries of an array."""
+    places = f"{type_of(WHOLE, width)} {known.values[one.places]}"
+    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[one.array]}, {places}")
 
 
 def _place(known: PrinterState, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
@@ -161,6 +184,14 @@ def _loaded(known: PrinterState, load: VectorLoad) -> str:
     return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({given})")
 
 
+def scatter(known: PrinterState, scatter: Scatter) -> None:
+    """Print the store of a vector to entries of an array anywhere."""
+    kind, width = _vector(known, scatter.value)
+    vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
+    given = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"
+    known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({given}, i32 8, {mask})")
+
+
 def store(known: PrinterState, store: VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
@@ -168,6 +199,11 @@ def store(known: PrinterState, store: VectorStore) -> None:
     vector = type_of(*kind)
     if not mask:
         known.e.store(value, place, vector)
+    elif store.all_there:
+        # Without `freeze` LLVM makes this a masked store, and later loads then wait until it has reached the cache.
+        before = known.e.value(f"freeze {vector} {known.e.load(place, vector)}")
+        kept = known.e.value(f"select {mask}, {vector} {value}, {vector} {before}")
+        known.e.store(kept, place, vector)
     else:
         name = f"llvm.masked.store.{suffix(vector)}.p0"
         known.e.do(f"call void @{name}({vector} {value}, ptr {place}, i32 8, {mask})")

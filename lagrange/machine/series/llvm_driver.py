@@ -31,10 +31,11 @@ from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import address, workspace
-from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.engine import Module, inversion, linear_solver
 from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.procedures import function as procedure_ir
 from lagrange.machine.llvm.procedures import joined as module_ir
+from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.llvm_steps import compiled_steps

@@ -1,1 +1,0 @@
-"""Procedures in machine code for many members at once, one in each lane of a vector."""

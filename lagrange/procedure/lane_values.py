@@ -1,0 +1,169 @@
+"""What a procedure for many members is made of: statements on numbers and vectors, memory and variables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import NamedTuple
+
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    Block,
+    Call,
+    Get,
+    Kind,
+    Leave,
+    Let,
+    Note,
+    Procedure,
+    Reduce,
+    Set,
+    Statement,
+    Vector,
+    VectorLet,
+    VectorLoad,
+    When,
+    of_width,
+    walk,
+)
+
+SHORT_BRANCH = 8
+"""Largest number of operations of a branch that are computed for all members, instead of branching."""
+
+_ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "fnma", "copysign", "sign", "magnitude", "real")
+CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "not", "select", CONSTANT))
+"""Operations that cost less than a branch; none has side effects."""
+
+
+@dataclass(frozen=True)
+class MemberMemory:
+    """An array or a record of the new procedure.
+
+    An array of each member's `own` has entry i of all members side by side. With `apart`, a vector of indices, each
+    member's part begins at its own index. `level` is the depth of branches at its allocation, -1 for a caller's array.
+    """
+
+    ref: int
+    own: bool
+    apart: int | None = None
+    level: int = -1
+
+
+class MemberVariable(NamedTuple):
+    """A variable of the new procedure, and the depth of branches at its declaration."""
+
+    ref: int
+    kind: Kind
+    level: int
+
+
+class MemberStatements:
+    """Statements of a new procedure, with the kind and the width of each number that they define."""
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.out: list[Statement] = []
+        self.unused = count()
+        self.kinds: dict[int, Kind] = {}
+        self.vectors: set[int] = set()
+        self.constants: dict[int, float | int | bool] = {}
+
+    def new(self, kind: Kind | None = None, *, wide: bool = False) -> int:
+        """Return a new number, of a value of a kind or a vector of them."""
+        ref = next(self.unused)
+        if kind is not None:
+            self.kinds[ref] = kind
+        if wide:
+            self.vectors.add(ref)
+        return ref
+
+    def vector(self, kind: Kind) -> Vector:
+        """Return the type of a vector with one entry for each member."""
+        return Vector(kind, self.lanes)
+
+    def constant(self, kind: Kind, value: float) -> int:
+        """Return a constant."""
+        ref = self.new(kind)
+        self.constants[ref] = value
+        self.out.append(Let(ref, kind, CONSTANT, (), value))
+        return ref
+
+    def wide(self, ref: int) -> int:
+        """Return a value as a vector, with the same entry for all members if it is a number."""
+        if ref in self.vectors:
+            return ref
+        made = self.new(self.kinds[ref], wide=True)
+        self.out.append(VectorLet(made, self.vector(self.kinds[ref]), "permute", (ref,), (0,) * self.lanes))
+        return made
+
+    def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
+        """Return the result of an operation: a vector if an operand is one, or if it is to be `wide`."""
+        if not wide and self.vectors.isdisjoint(args):
+            ref = self.new(kind)
+            self.out.append(Let(ref, kind, op, args))
+            return ref
+        vectors = tuple(self.wide(arg) for arg in args)
+        ref = self.new(kind, wide=True)
+        self.out.append(VectorLet(ref, self.vector(kind), op, vectors))
+        return ref
+
+    def loaded(self, array: int, place: int, kind: Kind) -> int:
+        """Return the entries of an array from a place on, one for each member."""
+        ref = self.new(kind, wide=True)
+        self.out.append(VectorLoad(ref, self.vector(kind), array, place))
+        return ref
+
+    def call(self, callee: Procedure, args: Sequence[int]) -> tuple[int, ...]:
+        """Call a procedure in lanes and return its results."""
+        refs = []
+        for one in callee.results:
+            kind, wide = (one.kind, True) if isinstance(one, Vector) else (one, False)
+            refs.append(self.new(kind, wide=wide))
+        self.out.append(Call(tuple(refs), callee, tuple(args)))
+        return tuple(refs)
+
+    # --- masks and variables
+
+    def both(self, mask: int, other: int) -> int:
+        """Return the members in both masks. `other` may be undefined outside of `mask`."""
+        return self.put("select", FLAG, mask, other, self.constant(FLAG, value=False))
+
+    def without(self, mask: int, gone: int) -> int:
+        """Return the members of a mask that are not in `gone`."""
+        return self.put("select", FLAG, gone, self.constant(FLAG, value=False), mask)
+
+    def some(self, mask: int) -> int:
+        """Return the flag whether a mask has members."""
+        ref = self.new(FLAG)
+        self.out.append(Reduce(ref, FLAG, "any", mask))
+        return ref
+
+    def got(self, variable: MemberVariable) -> int:
+        """Return the value of a variable."""
+        wide = variable.ref in self.vectors
+        ref = self.new(variable.kind, wide=wide)
+        self.out.append(Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
+        return ref
+
+    def set(self, variable: MemberVariable, value: int) -> None:
+        """Set a variable for all members."""
+        self.out.append(Set(variable.ref, value))
+
+
+def leaves(block: Block) -> bool:
+    """Return whether a block contains a statement that leaves the procedure."""
+    return any(isinstance(one, Leave) for one in walk(block))
+
+
+def count_statements(block: Block) -> int:
+    """Return the number of statements of a block, including nested ones."""
+    return sum(1 for _ in walk(block))
+
+
+def is_cheap(when: When) -> bool:
+    """Return whether both sides of a branch cost less than testing whether any member takes them."""
+    both = (*when.then, *when.otherwise)
+    allowed = all(isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and one.op in CHEAP) for one in both)
+    return allowed and sum(isinstance(one, Let) for one in both) <= SHORT_BRANCH

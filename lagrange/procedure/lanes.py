@@ -1,0 +1,592 @@
+"""Rewrite a procedure for many members at once, one in each lane of vectors.
+
+A value that is the same for all members stays a number. Any other becomes a vector with one entry for each member. A
+condition that differs becomes a mask: a branch is entered if some member takes it, and changes nothing for the others.
+A loop runs until no member is left in it. The result of a member depends on its own numbers only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import count
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    PARTIAL,
+    REAL,
+    SUMS,
+    WHOLE,
+    Array,
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Each,
+    Fold,
+    Gather,
+    Get,
+    Kind,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Note,
+    Parameter,
+    Part,
+    Procedure,
+    Read,
+    Record,
+    Repeat,
+    Reserve,
+    ReserveRecord,
+    Scatter,
+    Set,
+    SineCosine,
+    Statement,
+    Store,
+    Vector,
+    VectorLet,
+    VectorStore,
+    When,
+    Write,
+    inner,
+    of_width,
+)
+from lagrange.procedure.lane_values import (
+    MemberMemory,
+    MemberStatements,
+    MemberVariable,
+    count_statements,
+    is_cheap,
+    leaves,
+)
+from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
+from lagrange.procedure.visit import Visitor, visits
+
+ACTIVE = "active"
+"""Name of the first argument of an entry: the members that take part."""
+
+UNROLLED = 64
+"""Largest total number of statements for which the iterations of an `each` are written out."""
+
+
+class MemberProcedures:
+    """Procedures for `lanes` members, 2, 4 or 8. Each is rewritten once for every signature."""
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.spreads = Spreads()
+        self.known: dict[tuple[Procedure, Signature], Procedure] = {}
+        self.numbers = count()
+
+    def of(self, procedure: Procedure, signature: Signature) -> Procedure:
+        """Return a procedure for members that share what `signature` says.
+
+        Its first argument is the mask of the members that take part. An argument of each member's own is a vector. An
+        array of its own has entry i of all members side by side; one that begins at an index of its own is followed by
+        the vector of indices. Results that differ are vectors.
+        """
+        key = procedure, signature
+        if key not in self.known:
+            name = f"{procedure.name}.{next(self.numbers)}"
+            self.known[key] = _Rewriter(self, procedure, signature).procedure_in_lanes(name)
+        return self.known[key]
+
+    def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
+        """Return the procedure with numbers of each member in memory, for callers that have no vectors.
+
+        The first argument has a whole number for each member, above zero if it takes part. An argument of its own is an
+        array, with a number for each member; so is each result, `result0` and so on, with whole numbers for flags.
+        """
+        called = self.of(procedure, signature)
+        p = MemberStatements(self.lanes)
+        first = p.constant(WHOLE, 0)
+        parameters = [Parameter(p.new(), ACTIVE, Array(WHOLE, self.lanes, read=True))]
+        args = [p.put("less", FLAG, first, p.loaded(parameters[0].ref, first, WHOLE))]
+        for one, given in zip(procedure.parameters, called.parameters[1:], strict=True):
+            kind = given.type
+            kind = Array(kind.kind, self.lanes, read=True) if isinstance(kind, Vector) else kind
+            parameters.append(Parameter(p.new(), one.name, kind))
+            ref = parameters[-1].ref
+            args.append(p.loaded(ref, first, given.type.kind) if isinstance(given.type, Vector) else ref)
+        for k, (ref, result) in enumerate(zip(p.call(called, args), procedure.numbers, strict=True)):
+            parameters.append(Parameter(p.new(), f"result{k}", Array(REAL if result is REAL else WHOLE, self.lanes)))
+            value = p.put("whole", WHOLE, ref) if result is FLAG else ref
+            p.out.append(VectorStore(parameters[-1].ref, first, p.wide(value)))
+        return replace(procedure, parameters=tuple(parameters), results=(), body=tuple(p.out), names={})
+
+
+class _Rewriter(Visitor, MemberStatements):
+    """Rewrites one procedure for one signature. `level` is the depth of branches that only some members may take."""
+
+    def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:
+        super().__init__(program.lanes)
+        self.program, self.procedure, self.signature = program, procedure, signature
+        self.spread = program.spreads.of(procedure, signature)
+        self.values: dict[int, int] = {}
+        self.types: dict[int, Array | Record] = {}
+        self.memory: dict[int, MemberMemory] = {}
+        self.variables: dict[int, MemberVariable] = {}
+        self.mask, self.level = self.new(FLAG, wide=True), 0
+        self.open = True
+        """False if the present block has ended with a return."""
+        self.alive: MemberVariable | None = None
+        """The members that have not left the procedure, if they may leave at different statements."""
+        self.results: list[MemberVariable] = []
+        """The results of members that have left."""
+
+    def procedure_in_lanes(self, name: str) -> Procedure:
+        """Return the procedure for members."""
+        parameters = [Parameter(self.mask, "mask", self.vector(FLAG))]
+        for one, share in zip(self.procedure.parameters, self.signature, strict=True):
+            parameters += self.parameter(one, share)
+        if self.spread.parting:
+            self.alive = self.declared(self.mask)
+            for kind in self.procedure.numbers:
+                zero = self.constant(kind, {REAL: 0.0, WHOLE: 0, FLAG: False}[kind])
+                self.results.append(self.declared(self.wide(zero)))
+        self.block(self.procedure.body)
+        if self.open and self.procedure.results:
+            self.out.append(Leave(tuple(self.got(one) for one in self.results)))
+        pairs = zip(self.procedure.numbers, self.spread.results, strict=True)
+        results = tuple(of_width(kind, self.lanes if own else 1) for kind, own in pairs)
+        body, about = tuple(self.out), self.procedure.about
+        return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.apart)
+
+    def parameter(self, one: Parameter, share: Share) -> list[Parameter]:
+        """Return the parameters of the new procedure in the place of one."""
+        match one.type:
+            case Callee() | Vector():
+                raise LagrangeError(f"procedure {self.procedure.name} has {one.name}, which is no number or memory.")
+            case Kind() as kind:
+                ref = self.values[one.ref] = self.new(kind, wide=share.own)
+                return [Parameter(ref, one.name, of_width(kind, self.lanes if share.own else 1))]
+            case Record() as record:
+                held = self.hold(one.ref, record, share)
+                return [Parameter(held.ref, one.name, replace(record, lanes=self.lanes if share.own else 1))]
+            case Array() as array:
+                held = self.hold(one.ref, array, share)
+                kept = Array(array.kind, None, array.read) if share.own else array
+                made = [Parameter(held.ref, one.name, kept)]
+                if held.apart is not None:
+                    made.append(Parameter(held.apart, f"{one.name}.places", self.vector(WHOLE)))
+                return made
+
+    def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
+        """Return the memory in the place of an array or record of the caller."""
+        self.types[old] = kind
+        made = self.memory[old] = MemberMemory(
+            self.new(), share.own, self.new(WHOLE, wide=True) if share.apart else None
+        )
+        return made
+
+    # --- values and masks
+
+    def differs(self, old: int) -> bool:
+        """Return whether members have different values."""
+        return old in self.spread.own
+
+    def value(self, old: int, *, wide: bool) -> int:
+        """Return the value in the place of an old one, as a vector if it is to be `wide`."""
+        ref = self.values[old]
+        return self.wide(ref) if wide else ref
+
+    def present(self, mask: int, statement: Statement) -> int:
+        """Return the mask without the members that left the procedure in a statement."""
+        if self.alive is None or not any(leaves(body) for body in inner(statement)):
+            return mask
+        return self.both(mask, self.got(self.alive))
+
+    # --- variables
+
+    def declared(self, value: int) -> MemberVariable:
+        """Return a new variable with its first value."""
+        kind, wide = self.kinds[value], value in self.vectors
+        variable = MemberVariable(self.new(kind, wide=wide), kind, self.level)
+        self.out.append(Declare(variable.ref, of_width(kind, self.lanes if wide else 1), value))
+        return variable
+
+    @visits(Declare, Get, Set)
+    def variable(self, statement: Declare | Get | Set) -> None:
+        """Rewrite a variable. It is set under a mask if more members were active at its declaration than now."""
+        match statement:
+            case Declare(ref=ref, value=value):
+                self.variables[ref] = self.declared(self.value(value, wide=self.differs(ref)))
+            case Get(ref=ref, variable=old):
+                self.values[ref] = self.got(self.variables[old])
+            case Set(variable=old, value=value):
+                variable, wide = self.variables[old], self.differs(old)
+                new = self.value(value, wide=wide)
+                if wide and variable.level != self.level:
+                    new = self.put("select", variable.kind, self.mask, new, self.got(variable))
+                self.set(variable, new)
+
+    # --- statements
+
+    def block(self, block: Block) -> None:
+        """Rewrite statements."""
+        for statement in block:
+            self.statement(statement)
+
+    def inside(self, block: Block, mask: int) -> Block:
+        """Return the statements of a block inside a statement, for the members of a mask."""
+        outside, self.out, self.mask = self.out, [], mask
+        self.block(block)
+        made, self.out = tuple(self.out), outside
+        return made
+
+    @visits(Note)
+    def note(self, note: Note) -> None:
+        """Keep a comment."""
+        self.out.append(note)
+
+    @visits(Let)
+    def let(self, let: Let) -> None:
+        """Rewrite an operation."""
+        if let.op == CONSTANT:
+            self.values[let.ref] = self.constant(let.kind, let.data if let.data is not None else 0.0)
+            return
+        wide, args = self.differs(let.ref), [self.values[arg] for arg in let.args]
+        if wide and let.op == "quotient":
+            # A member that takes no part may have a zero divisor here, which would stop the process.
+            is_zero = self.put("equal", FLAG, args[1], self.constant(WHOLE, 0))
+            args[1] = self.put("select", WHOLE, is_zero, self.constant(WHOLE, 1), args[1])
+        self.values[let.ref] = self.put(let.op, let.kind, *args, wide=wide)
+
+    @visits(SineCosine)
+    def angle(self, pair: SineCosine) -> None:
+        """Rewrite a sine and a cosine of the same angle."""
+        wide = self.differs(pair.sine)
+        angle = self.value(pair.angle, wide=wide)
+        sine, cosine = (self.new(REAL, wide=wide) for _ in range(2))
+        self.values[pair.sine], self.values[pair.cosine] = sine, cosine
+        self.out.append(SineCosine(sine, cosine, angle))
+
+    # --- memory
+
+    def index(self, held: MemberMemory, place: int) -> int:
+        """Return the index in memory of an index that is the same for all members."""
+        if not held.own:
+            return place
+        known = self.constants.get(place)
+        if known is not None:
+            return self.constant(WHOLE, int(known) * self.lanes)
+        return self.put("mul", WHOLE, place, self.constant(WHOLE, self.lanes))
+
+    def indices(self, held: MemberMemory, place: int) -> int:
+        """Return the vector of each member's index in memory for its own index."""
+        found = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
+        if not held.own:
+            return self.wide(found)
+        lanes = [self.constant(WHOLE, k) for k in range(self.lanes)]
+        numbers = self.new(WHOLE, wide=True)
+        self.out.append(VectorLet(numbers, self.vector(WHOLE), "permute", tuple(lanes), tuple(range(self.lanes))))
+        first = self.put("mul", WHOLE, self.wide(found), self.constant(WHOLE, self.lanes))
+        return self.put("add", WHOLE, first, numbers)
+
+    def is_anywhere(self, array: int, place: int) -> bool:
+        """Return whether members access an array at different indices."""
+        return self.memory[array].apart is not None or self.differs(place)
+
+    @visits(Load)
+    def load(self, load: Load) -> None:
+        """Rewrite the read of an array."""
+        held, place = self.memory[load.array], self.values[load.place]
+        if self.is_anywhere(load.array, load.place):
+            ref, indices = self.new(load.kind, wide=True), self.indices(held, place)
+            self.out.append(Gather(ref, self.vector(load.kind), held.ref, indices, self.mask))
+        elif held.own:
+            ref = self.loaded(held.ref, self.index(held, place), load.kind)
+        else:
+            ref = self.new(load.kind)
+            self.out.append(Load(ref, load.kind, held.ref, place))
+        self.values[load.ref] = self.wide(ref) if self.differs(load.ref) else ref
+
+    @visits(Store)
+    def store(self, store: Store) -> None:
+        """Rewrite the write of an array."""
+        held, place, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
+        if self.is_anywhere(store.array, store.place):
+            self.out.append(Scatter(held.ref, self.indices(held, place), value, self.mask))
+            return
+        if not held.own:
+            raise LagrangeError(f"procedure {self.procedure.name}: all members write at one place.")
+        mask = None if held.level == self.level else self.mask
+        self.out.append(VectorStore(held.ref, self.index(held, place), value, mask, all_there=mask is not None))
+
+    @visits(Read, Write)
+    def field(self, statement: Read | Write) -> None:
+        """Rewrite the read or write of a record."""
+        held, record = self.memory[statement.record], self.types[statement.record]
+        assert isinstance(record, Record)
+        kind = record.kind(statement.field)
+        if isinstance(statement, Read):
+            ref = self.values[statement.ref] = self.new(kind, wide=held.own)
+            self.out.append(Read(ref, kind, held.ref, statement.field))
+            return
+        value = self.value(statement.value, wide=held.own)
+        if held.own and held.level != self.level:
+            before = self.new(kind, wide=True)
+            self.out.append(Read(before, kind, held.ref, statement.field))
+            value = self.put("select", kind, self.mask, value, before)
+        self.out.append(Write(held.ref, statement.field, value))
+
+    @visits(Reserve, ReserveRecord, Part)
+    def local(self, one: Reserve | ReserveRecord | Part) -> None:
+        """Rewrite new memory, or a part of an array."""
+        ref = self.new()
+        match one:
+            case Reserve(array=array):
+                self.types[one.ref], self.memory[one.ref] = array, MemberMemory(ref, own=True, level=self.level)
+                room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
+                self.out.append(Reserve(ref, Array(array.kind, room)))
+            case ReserveRecord(record=record):
+                self.types[one.ref], self.memory[one.ref] = record, MemberMemory(ref, own=True, level=self.level)
+                self.out.append(ReserveRecord(ref, replace(record, lanes=self.lanes)))
+            case Part(array=array, start=start):
+                self.types[one.ref], held, place = self.types[array], self.memory[array], self.values[start]
+                if self.is_anywhere(array, start):
+                    apart = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
+                    self.memory[one.ref] = replace(held, apart=self.wide(apart))
+                else:
+                    self.memory[one.ref] = replace(held, ref=ref)
+                    self.out.append(Part(ref, held.ref, self.index(held, place)))
+
+    # --- calls, and the end
+
+    @visits(Call)
+    def call_in_lanes(self, call: Call) -> None:
+        """Rewrite a call."""
+        callee = call.callee
+        assert isinstance(callee, Procedure)
+        signature = signature_of(call, self.spread.own, self.spread.apart)
+        args = [self.mask]
+        for parameter, arg in zip(callee.parameters, call.args, strict=True):
+            if isinstance(parameter.type, Kind):
+                args.append(self.values[arg])
+                continue
+            held = self.memory[arg]
+            args += [held.ref] if held.apart is None else [held.ref, held.apart]
+        results = self.call(self.program.of(callee, signature), args)
+        self.values.update(zip(call.refs, results, strict=True))
+
+    @visits(Leave)
+    def leave(self, leave: Leave) -> None:
+        """Rewrite the end of the procedure for the members of the mask; it returns if no others are left."""
+        pairs = zip(leave.values, self.spread.results, strict=True)
+        values = [self.value(ref, wide=own) for ref, own in pairs]
+        if self.alive is not None:
+            values = [
+                self.put("select", one.kind, self.mask, value, self.got(one))
+                for value, one in zip(values, self.results, strict=True)
+            ]
+        if self.level == 0:
+            self.out.append(Leave(tuple(values)))
+            self.open = False
+            return
+        assert self.alive is not None
+        for variable, value in zip(self.results, values, strict=True):
+            self.set(variable, value)
+        self.set(self.alive, self.without(self.got(self.alive), self.mask))
+        self.mask = self.wide(self.constant(FLAG, value=False))
+
+    # --- branches
+
+    @visits(When, Loop, Repeat, Each)
+    def control(self, statement: When | Loop | Repeat | Each) -> None:
+        """Rewrite a branch or a loop. Members that leave the procedure in it are masked out afterwards."""
+        before = self.mask
+        match statement:
+            case When() if not self.differs(statement.condition):
+                self.common_branch(statement)
+            case When() if is_cheap(statement):
+                self.chosen_branch(statement)
+            case When():
+                self.masked_branch(statement)
+            case Loop():
+                self.loop(statement)
+            case Repeat():
+                self.repeat(statement)
+            case Each():
+                self.each(statement)
+        self.open = self.open or not isinstance(statement, When)
+        if self.open:
+            self.mask = self.present(before, statement)
+
+    def common_branch(self, when: When) -> None:
+        """Rewrite a branch on a condition that is the same for all members."""
+        mask = self.mask
+        then, goes_on = self.inside(when.then, mask), self.open
+        self.open = True
+        otherwise = self.inside(when.otherwise, mask)
+        self.open = self.open or goes_on
+        self.out.append(When(self.values[when.condition], then, otherwise, when.likely))
+
+    def chosen_branch(self, when: When) -> None:
+        """Rewrite a branch without branching: both sides are computed, and each member selects its own."""
+        mask, condition = self.mask, self.value(when.condition, wide=True)
+        self.level += 1
+        for body, side in ((when.then, self.both), (when.otherwise, self.without)):
+            if body:
+                self.mask = side(mask, condition)
+                self.block(body)
+        self.level -= 1
+
+    def masked_branch(self, when: When) -> None:
+        """Rewrite a branch that only some members may take; a side without members is skipped."""
+        mask, condition = self.mask, self.value(when.condition, wide=True)
+        sides = [(self.both(mask, condition), when.then, when.likely)]
+        if when.otherwise:
+            unlikely = None if when.likely is None else not when.likely
+            sides.append((self.without(mask, condition), when.otherwise, unlikely))
+        self.level += 1
+        for taken, body, likely in sides:
+            some = self.some(taken)
+            self.out.append(When(some, self.inside(body, taken), likely=likely))
+        self.level -= 1
+
+    # --- loops
+
+    def loop(self, loop: Loop) -> None:
+        """Rewrite a loop over an index, until no member is left in it."""
+        own = self.differs(loop.start) or self.differs(loop.stop)
+        before = self.mask
+        start, stop = self.value(loop.start, wide=self.differs(loop.place)), self.values[loop.stop]
+        if not own and self.present(before, loop) == before:
+            place = self.values[loop.place] = self.new(WHOLE)
+            self.out.append(Loop(place, start, stop, loop.step, self.inside(loop.body, before)))
+            return
+        index = self.declared(start)
+
+        def goes_on() -> int:
+            return self.put("less", FLAG, self.got(index), stop)
+
+        def body() -> None:
+            place = self.values[loop.place] = self.got(index)
+            self.block(loop.body)
+            if self.open:
+                self.set(index, self.put("add", WHOLE, place, self.constant(WHOLE, loop.step)))
+
+        self.repeated(loop, goes_on, body, own=own)
+
+    def repeat(self, repeat: Repeat) -> None:
+        """Rewrite a loop that repeats until the condition holds for no member."""
+
+        def goes_on() -> int:
+            self.block(repeat.test)
+            return self.values[repeat.condition]
+
+        self.repeated(repeat, goes_on, lambda: self.block(repeat.body), own=self.differs(repeat.condition))
+
+    def repeated(
+        self, loop: Loop | Repeat | Each, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool
+    ) -> None:
+        """Add a loop of statements that `goes_on` and `body` add; `own` if some members may end it before others."""
+        before, outside = self.mask, self.out
+        inside = self.declared(before) if own else None
+        self.level += own
+        self.out = []
+        self.mask = self.present(before if inside is None else self.got(inside), loop)
+        condition = goes_on()
+        if inside is not None:
+            mask = self.both(self.mask, self.wide(condition))
+            self.set(inside, mask)
+            condition = self.some(mask)
+        elif self.mask != before:
+            condition = self.put("and", FLAG, condition, self.some(self.mask))
+        test, self.out = tuple(self.out), []
+        self.mask = self.present(before, loop) if inside is None else self.got(inside)
+        body()
+        repeat = Repeat(test, condition, tuple(self.out))
+        self.level -= own
+        self.out = outside
+        self.out.append(repeat)
+
+    # --- iterations
+
+    def each(self, each: Each) -> None:
+        """Rewrite an `each`, one iteration after the other, because the lanes hold members."""
+        own, iterations = self.differs(each.iterations), self.values[each.iterations]
+        known = self.constants.get(iterations)
+        sums: list[list[int]] = []
+        for fold in each.folds:
+            first = self.constant(REAL, fold.first)
+            first = self.wide(first) if self.differs(fold.ref) else first
+            sums.append([first] * (PARTIAL if fold.op in SUMS else 1))
+        size = count_statements(each.body) + len(each.folds)
+        if known is not None and (each.unrolled or known * size <= UNROLLED):
+            for k in range(int(known)):
+                self.values[each.place] = self.constant(WHOLE, k)
+                self.block(each.body)
+                sums = [self.collected(fold, found) for fold, found in zip(each.folds, sums, strict=True)]
+        else:
+            sums = self.looped(each, sums, own=own)
+        for fold, found in zip(each.folds, sums, strict=True):
+            self.values[fold.ref] = self.total(found, iterations)
+
+    def looped(self, each: Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
+        """Rewrite the iterations as a loop, and return the partial results after it."""
+        partial = [[self.declared(one) for one in found] for found in sums]
+        start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
+
+        def iteration(place: int) -> None:
+            self.values[each.place] = place
+            self.block(each.body)
+            for fold, variables in zip(each.folds, partial, strict=True):
+                old = [self.got(variable) for variable in variables]
+                new = self.collected(fold, old)
+                if own:
+                    pairs = zip(new, old, strict=True)
+                    new = [self.put("select", REAL, self.mask, one, other) for one, other in pairs]
+                for variable, one in zip(variables, new, strict=True):
+                    self.set(variable, one)
+
+        if own:
+            index = self.declared(start)
+
+            def body() -> None:
+                place = self.got(index)
+                iteration(place)
+                self.set(index, self.put("add", WHOLE, place, self.constant(WHOLE, 1)))
+
+            self.repeated(each, lambda: self.put("less", FLAG, self.got(index), stop), body, own=True)
+        else:
+            outside, self.out = self.out, []
+            place = self.new(WHOLE)
+            iteration(place)
+            loop = Loop(place, start, stop, 1, tuple(self.out))
+            self.out = outside
+            self.out.append(loop)
+        self.mask = before
+        return [[self.got(variable) for variable in variables] for variables in partial]
+
+    def collected(self, fold: Fold, found: Sequence[int]) -> list[int]:
+        """Return the partial results of a reduction after one more value; the first is the next that gets a value."""
+        before, value = found[0], self.values[fold.value]
+        if fold.factor is not None:
+            new = self.put("fma", REAL, value, self.values[fold.factor], before)
+        elif fold.op == "most":
+            new = self.put("select", REAL, self.put("less", FLAG, before, value), value, before)
+        else:
+            new = self.put(fold.op, REAL, before, value)
+        return [*found[1:], new]
+
+    def total(self, found: Sequence[int], iterations: int) -> int:
+        """Return the result of a reduction. The last iteration i was added to partial sum i mod 4."""
+        if len(found) == 1:
+            return found[0]
+        known = self.constants.get(iterations)
+        if known is not None:
+            return self.summed(found, int(known) % 2)
+        two = self.constant(WHOLE, 2)
+        half = self.put("quotient", WHOLE, iterations, two)
+        is_even = self.put("equal", FLAG, self.put("mul", WHOLE, half, two), iterations)
+        return self.put("select", REAL, is_even, self.summed(found, 0), self.summed(found, 1))
+
+    def summed(self, found: Sequence[int], odd: int) -> int:
+        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the parity of the number of terms."""
+        a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
+        return self.put("add", REAL, self.put("add", REAL, a, b), self.put("add", REAL, c, d))
