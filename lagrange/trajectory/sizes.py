@@ -340,6 +340,8 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
     found = noise_floors(model, parameters, state.t, state.y, left)
     rises = bool((found > 2 * state.floors).any())
     state.floors[:] = np.maximum(state.floors, found)
+    # Before its first step a run without a survey would set the floors of entries that are zero again, for ever.
+    state.counts[DriverState.SURVEYED] = max(state.count(DriverState.SURVEYED), 1)
     return rises
 
 

@@ -16,7 +16,9 @@ from sympy import cos, exp, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.trajectory.sizes import entry_sizes, noise_floors, slopes_of
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.sizes import entry_sizes, noise_floors, raise_to_noise, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
 x, y, z, a, b, c = lg.coordinates("x y z a b c")
@@ -62,6 +64,19 @@ def test_a_jump_is_not_noise() -> None:
     model = lg.System(plain(x), x**2 / 2, forces={x: -sign(x - sp.Rational(3, 10))}, initial={x: 0.1 + 0.2}).compile()
     floors = noise_floors(model, model.parameter_array(), 0.0, np.array(model.statement.initial), 1.0)
     assert (floors < 1e-14).all()
+
+
+def test_floors_that_were_raised_to_noise_before_the_first_step_stay() -> None:
+    """The loop set the floors of velocities that are zero anew, and a body at rest ran without end."""
+    model = lg.System(plain(x), sp.cos(x), initial={x: 0.3}).compile()
+    method, request = find("taylor"), Problem(model, {}, 0.0, 1.0, np.array(model.statement.initial))
+    plan = method.plan(request)
+    state = plan.tolerances.begin(0.0, 1.0, request.y0)
+    assert raise_to_noise(model, model.parameter_array(), state)
+    state.floors[:] = raised = np.full(2, 1e-3)
+    driver = plan.driver(model, model.parameter_array())
+    driver.advance(state, 1, np.empty(2), np.empty((6, 2)))
+    assert (state.floors >= raised).all()
 
 
 @pytest.mark.parametrize("method", ADAPTIVE)
