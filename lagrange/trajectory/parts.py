@@ -263,3 +263,17 @@ def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, 
         t_events=tuple(times[:0] for times in part.t_events),
         y_events=tuple(states[:0] for states in part.y_events),
     )
+
+
+def resting_part(segment: Problem, part: Trajectory) -> Trajectory:
+    """Return a part after the segment `part` in which nothing moves, from the state where it begins to its end."""
+    t, (begin, end), y = segment.t_eval, (part.span[1], segment.t1), segment.y0
+    t = np.array([begin, end]) if t is None else t
+    return replace(
+        point_of(segment, part, y, Status.SUCCESS),
+        t=t,
+        y=np.repeat(y[:, None], len(t), axis=1),
+        message=message(Status.SUCCESS, segment, end, y, part.method),
+        span=(begin, end),
+        dense=PiecewisePath(np.array([begin, end]), y, ()),
+    )

@@ -28,6 +28,11 @@ HELD = 1e-12
 STILL = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
 
+ROUND_OFF = 2.0**-50
+"""A velocity in a closed contact is round-off where its kinetic energy is below the square of this part of the largest.
+
+Impulses pass it on from contact to contact. Tolerances relative to it would be far too small."""
+
 SLOW_SHARE = 1e-3
 """Part of the largest rates of all contacts that a contact at rest counts as its own."""
 
@@ -39,7 +44,7 @@ class Touch:
     `gaps` (k,) are their gaps. The rows of the other fields are, for each contact, dgap/dt, then its slips: the
     `rates` (rows,), their `directions` (rows, n) by the velocities, the `bias` (rows,) of their derivatives by time at
     zero acceleration. A unit force along each row causes the accelerations `responses` (n, rows) under stated
-    constraints. Gaps count as zero up to `near` (k,), and rates up to `noise` (rows,).
+    constraints. Gaps count as zero up to `near` (k,), rates up to `noise` (rows,), and velocities up to `still` (n,).
     """
 
     gaps: FloatArray
@@ -49,6 +54,7 @@ class Touch:
     responses: FloatArray
     near: FloatArray
     noise: FloatArray
+    still: FloatArray
 
     @property
     def compliance(self) -> FloatArray:
@@ -77,7 +83,7 @@ class Kinematics:
         sizes = [1 + len(each.slip) for each in self.contacts]
         self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
-        self._places, self._speeds = np.zeros(len(gaps)), np.zeros(len(found))
+        self._places, self._speeds, self._momentum = np.zeros(len(gaps)), np.zeros(len(found)), 0.0
         nodes = (*gaps, *found.velocities, *found.bias, *gradient)
         self._kernel = model.function("contacts", nodes)
         values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
@@ -127,15 +133,19 @@ class Kinematics:
         self._places, self._speeds = np.maximum(self._places, places), np.maximum(self._speeds, speeds)
         fastest = np.concatenate([np.full(len(mine), self._speeds[mine].max()) for mine in self.rows])
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
-        responses = self._responses(t, y, directions) if before is None else before.responses
-        return Touch(gaps, rates, directions, bias, responses, np.full(k, TOUCHING * self._places.max()), noise)
+        near = np.full(k, TOUCHING * self._places.max())
+        if before is not None:
+            return Touch(gaps, rates, directions, bias, before.responses, near, noise, before.still)
+        mass = np.asarray(self.model.kernel("mass_matrix")(t, y, self.parameters)).reshape(n, n)
+        inertia = np.sqrt(np.abs(np.diag(mass)))
+        self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
+        still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
+        responses = self._responses(mass, self.stated_directions(t, y), directions)
+        return Touch(gaps, rates, directions, bias, responses, near, noise, still)
 
-    def _responses(self, t: float, y: FloatArray, directions: FloatArray) -> FloatArray:
-        model, parameters = self.model, self.parameters
-        n = model.dimension
-        mass = np.asarray(model.kernel("mass_matrix")(t, y, parameters)).reshape(n, n)
-        held = self.stated_directions(t, y)
-        m = len(held)
+    @staticmethod
+    def _responses(mass: FloatArray, held: FloatArray, directions: FloatArray) -> FloatArray:
+        n, m = len(mass), len(held)
         if not m:
             return np.asarray(np.linalg.solve(mass, directions.T))
         whole = np.block([[mass, -held.T], [held, np.zeros((m, m))]])

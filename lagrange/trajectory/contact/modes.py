@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -165,6 +165,35 @@ class Modes:
             stated = tuple(_present(event, absent) for event in problem.events)
             self._prepared[key] = PreparedMode(model, (*stated, *own), ends, friction)
         return self._prepared[key]
+
+    @cached_property
+    def timeless(self) -> bool:
+        """True if the system, with its contacts, does not depend on time explicitly."""
+        stated = self.model.statement
+        relations = (each.expression for each in stated.constraints)
+        surfaces = (part for each in self.contacts for part in (each.gap, *each.slip))
+        return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
+
+    def without_time(self, expressions: Iterable[Any]) -> bool:
+        """Return whether expressions depend on time through coordinates and velocities alone."""
+        stated = self.model.statement
+        rates, places = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
+        return not any(expression.xreplace(rates).xreplace(places).has(time) for expression in expressions)
+
+    def holds_still(self, mode: Mode, y: FloatArray) -> bool:
+        """Return whether a state (2n,) at rest stays for ever: the closed contacts leave no freedom, and no time acts.
+
+        Rounding of its accelerations, which are zero, would be all that a method has to follow.
+        """
+        if y[self.model.layout.v].any() or not self.timeless:
+            return False
+        held = sum(
+            1 + (state == STICKING) * len(each.slip)
+            for each, state in zip(self.contacts, mode.states, strict=True)
+            if state != OPEN
+        )
+        count = len(self.model.statement.constraints) + held if mode.kept is None else len(mode.kept)
+        return count == self.model.dimension
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""

@@ -21,16 +21,23 @@ from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, Pr
 from lagrange.trajectory.contact.transition import Behind, Transitions, Undetermined
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.parts import before_outputs_at_end, joined, last_state, point_of, rest_of, status_at_end
+from lagrange.trajectory.parts import (
+    before_outputs_at_end,
+    joined,
+    last_state,
+    point_of,
+    rest_of,
+    resting_part,
+    status_at_end,
+)
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 MOST_REPEATS = 3
 """Most tries of a segment that ends where it begins because of round-off."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Number of times in a segment at which gaps are looked at, and the overlap that is more than errors, as a part of the
-terms of the gap: the fixed part or that many times `rtol`, whichever is larger. Between steps a closed gap has errors
-of about `rtol`."""
+"""Number of times in a segment at which open gaps are looked at, and the overlap that is more than errors, as a part of
+the terms of the gap: the fixed part or that many times `rtol`, whichever is larger."""
 
 NEARBY = 2.0**-16
 """Part of a segment, before its end, over which the derivative of an event is a difference; zeros are nearer."""
@@ -164,6 +171,9 @@ class _ContactRun:
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
         tries, part, changes = 0, None, list[tuple[float, Mode]]()
+        if self.parts and self._holds_still(mode, segment.y0):
+            part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
+            self.found, self.end_state, self.fired = part, segment.y0, []
         while part is None:
             self.prepared = prepared = self.modes.prepared(mode, segment, written, friction, most)
             chosen = replace(
@@ -193,22 +203,27 @@ class _ContactRun:
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
         if friction is not None and not part.status.complete:
             part = self._told(part)
-        self._keep(segment.t0, mode, self._verified(part))
+        self._keep(segment.t0, mode, self._verified(part, mode))
         self.begins += [t for t, _ in changes]
         self.kept += [following for _, following in changes]
         return self.kept[-1]
+
+    def _holds_still(self, mode: Mode, y: FloatArray) -> bool:
+        """Return whether a state (2n,) in a mode stays for ever, and no event of the user occurs."""
+        zeros = [event.expression for event in self.problem.events]
+        return self.modes.holds_still(mode, y) and self.modes.without_time(zeros)
 
     def _told(self, part: Trajectory) -> Trajectory:
         """Return a segment that reached a limit with a message on the coordinates of the system alone."""
         at_end = part.status, self.problem, part.span[1], last_state(part)
         return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
-    def _verified(self, part: Trajectory) -> Trajectory:
-        """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
+    def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
+        """Return a segment, with the status UNRELIABLE if an open gap is negative in it: an impact was missed."""
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
-        overlapping = [i for i in range(len(gaps)) if gaps[i].min() < -deepest[i]]
+        overlapping = [i for i, state in enumerate(mode.states) if state == OPEN and gaps[i].min() < -deepest[i]]
         if not overlapping or not part.status.complete:
             return part
         names = listing(repr(self.contacts[i].name) for i in overlapping)

@@ -28,11 +28,6 @@ UNCOUPLED = 1e-12
 SMALLEST_GAP = 64 * 2.0**-52
 """A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""
 
-ROUND_OFF = 2.0**-50
-"""A velocity that a closed contact makes zero is round-off below this part of the largest terms of all rates.
-
-Impulses pass it on from contact to contact. Tolerances relative to it would be far too small."""
-
 
 class Undetermined(RunError):
     """The laws of contact have no consistent next motion, or several."""
@@ -318,8 +313,6 @@ class Transitions:
         changes = np.array([*np.zeros(len(held)), *begins.values()]) - touch.rates[rows]
         v = y[self._layout.v].copy()
         v += touch.responses[:, rows] @ least_solution(touch.compliance[np.ix_(rows, rows)], changes)
-        parts = np.abs(touch.directions[held] * v)
-        fastest = touch.noise.max() / STILL
-        v[((parts > 0) & (parts <= ROUND_OFF * fastest)).any(axis=0)] = 0.0
+        v[touch.directions[held].any(axis=0) & (np.abs(v) <= touch.still)] = 0.0
         y[self._layout.v] = v
         return y
