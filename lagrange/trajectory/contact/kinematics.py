@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class Touch:
     noise: FloatArray
     still: FloatArray
 
-    @property
+    @cached_property
     def compliance(self) -> FloatArray:
         """The change of the rates (rows, rows) that unit forces along each row cause."""
         return self.directions @ self.responses

@@ -187,13 +187,14 @@ class Modes:
         """
         if y[self.model.layout.v].any() or not self.timeless:
             return False
-        held = sum(
-            1 + (state == STICKING) * len(each.slip)
-            for each, state in zip(self.contacts, mode.states, strict=True)
-            if state != OPEN
-        )
-        count = len(self.model.statement.constraints) + held if mode.kept is None else len(mode.kept)
+        count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
         return count == self.model.dimension
+
+    def constraint_count(self, mode: Mode) -> int:
+        """Return the number of constraints of a mode, stated ones and those of closed contacts."""
+        pairs = zip(self.contacts, mode.states, strict=True)
+        held = [1 + (state == STICKING) * len(each.slip) for each, state in pairs if state != OPEN]
+        return len(self.model.statement.constraints) + sum(held)
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""

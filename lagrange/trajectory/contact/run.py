@@ -383,12 +383,17 @@ class _ContactRun:
         return f"The nearest start outside has {listing(moved)}."
 
     def _note(self) -> str:
-        """Return sentences on impacts that accumulate."""
+        """Return sentences on impacts that accumulate, and on forces that contacts share."""
         told = []
         for each, times in zip(self.contacts, self.rests, strict=True):
             if times:
                 more = f" and {counted(len(times) - 1, 'later time')}" if len(times) > 1 else ""
                 told.append(f"Infinitely many impacts of {each.name!r} end at t = {number(times[0])}{more}.")
+        shared = next((mode for mode in self.kept if mode.kept is not None), None)
+        if shared is not None and shared.kept is not None:
+            names = listing(repr(self.contacts[i].name) for i in shared.closed)
+            rank = f"rank {len(shared.kept)} of {self.modes.constraint_count(shared)}"
+            told.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
         return " ".join(told)
 
     def _history(self) -> ContactHistory:

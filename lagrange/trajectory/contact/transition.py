@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagrange.equations.regularity import independent_rows
-from lagrange.errors import RunError, listing
+from lagrange.errors import listing
 from lagrange.statement.contact import SEQUENCE
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, least_solution, solutions
 from lagrange.trajectory.contact.friction import SHORT, SLIGHT
 from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
+from lagrange.trajectory.contact.undetermined import Undetermined, undetermined
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
@@ -27,10 +28,6 @@ UNCOUPLED = 1e-12
 
 SMALLEST_GAP = 64 * 2.0**-52
 """A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""
-
-
-class Undetermined(RunError):
-    """The laws of contact have no consistent next motion, or several."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +153,7 @@ class Transitions:
                 break
             last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
             chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normals[i]])]
-            added = self._impulses(matrix, rates, chosen, touching if rounds and last else plastic)
+            added = self._impulses(y, touch, rates, chosen, touching if rounds and last else plastic)
             impulses, before = impulses + added, rates
             rates = touch.rates + matrix @ impulses
             lost -= added * (before + rates) / 2
@@ -182,14 +179,15 @@ class Transitions:
 
     def _impulses(
         self,
-        matrix: FloatArray,
+        y: FloatArray,
+        touch: Touch,
         rates: FloatArray,
         chosen: Sequence[int],
         plastic: Collection[int],
     ) -> FloatArray:
         """Return the impulses (rows,) of an impact of the chosen contacts by Newton's and Coulomb's law.
 
-        `matrix` (rows, rows) has the rates that unit impulses cause, `rates` (rows,) are those before the impact.
+        The contacts are those at a state y (2n,), and `rates` (rows,) are those before the impact.
         """
         kin = self.kinematics
         laws, rows, shift = [], list[int](), list[float]()
@@ -202,25 +200,16 @@ class Transitions:
             rows += [normal, *along[: law.components]]
             shift += [-e * speed] + [0.0] * law.components
         bias = rates[rows] + np.array(shift)
-        found = self._only(solutions(matrix[np.ix_(rows, rows)], bias, laws), chosen, "impact")
+        found = self._only(solutions(touch.compliance[np.ix_(rows, rows)], bias, laws), touch, y, chosen, "impact")
         impulses = np.zeros(len(rates))
         impulses[rows] = found.forces
         return impulses
 
-    def _only(self, found: Sequence[Balance], chosen: Sequence[int], what: str) -> Balance:
+    def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
         """Return the only solution. Raises `Undetermined` if there is none, or several."""
         if len(found) == 1:
             return found[0]
-        names = listing(repr(self.kinematics.contacts[i].name) for i in chosen)
-        if not found:
-            raise Undetermined(
-                f"Coulomb's law allows no {what} at {names}: the friction would have to press the bodies together "
-                "without bound (Painleve's paradox). Lower the friction, or end the run before this configuration."
-            )
-        raise Undetermined(
-            f"Coulomb's law allows {len(found)} different motions behind this {what} at {names} (Painleve's paradox): "
-            "lower the friction, or end the run before this configuration."
-        )
+        raise undetermined(self.kinematics, touch, y, chosen, len(found), what)
 
     def _next(
         self,
@@ -257,7 +246,7 @@ class Transitions:
                 rows += [normal, *along[: law.components]]
             compliance = touch.compliance
             matrix = compliance[np.ix_(rows, rows)]
-            found = self._only(solutions(matrix, pulls[rows], laws), resting, "motion")
+            found = self._only(solutions(matrix, pulls[rows], laws), touch, y, resting, "motion")
             pulls = pulls + compliance[:, rows] @ found.forces
             terms[rows] += np.abs(matrix) @ np.abs(found.forces)
             for i, state, way in zip(resting, found.states, found.ways, strict=True):
