@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import lagrange as lg
 from lagrange.trajectory.contact import complementarity
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Friction, lemke, rows_of, solutions
 
@@ -44,6 +47,14 @@ def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool) -> 
     assert met >= {OPEN, SLIDING, STICKING}
 
 
+@pytest.mark.parametrize("plane", [False, True])
+def test_surfaces_that_do_not_slide_yet_have_one_motion(plane: bool) -> None:
+    """With independent directions and little friction; turns of many directions at once overshot in a plane."""
+    for seed in range(60):
+        matrix, bias, contacts = problem(seed, plane)
+        assert len(solutions(matrix, bias, [replace(contact, way=None) for contact in contacts])) == 1
+
+
 def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = {}
     for seed in range(100):
@@ -75,6 +86,16 @@ def test_static_friction_holds_what_kinetic_friction_would_let_slide() -> None:
     matrix = np.vstack([corners, [-1.24, 1.7, 1.24, 1.7]])
     (found,) = solutions(matrix, np.array([-4.02, -0.55, 0.0, -0.55]), [Friction(1, 1.2, 0.64)] * 2)
     assert found.states == (STICKING, OPEN)
+
+
+def test_kinetic_friction_acts_on_surfaces_that_slide_into_an_impact() -> None:
+    x, y = lg.coordinates("x y")
+    floor = lg.contact(y, slip=x.dot, friction=(0.6, 0.3))
+    system = lg.System((x.dot**2 + y.dot**2) / 2, contacts={"floor": floor}, initial={y: 1, y.dot: -1})
+    # An impulse of 0.5 would stop the slip: it is in the static cone, and outside the kinetic one.
+    run = system.run(1.5, {x.dot: 0.5}).require()
+    assert run["x_dot"][-1] == pytest.approx(0.2, abs=1e-12)
+    assert run.contacts["floor"].impacts[0].friction_impulse == pytest.approx((-0.3,), abs=1e-12)
 
 
 def test_a_problem_without_a_solution_has_none() -> None:

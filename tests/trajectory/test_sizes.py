@@ -17,7 +17,7 @@ from sympy import cos, exp, sign, sin, sqrt
 import lagrange as lg
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.sizes import entry_sizes, noise_floors, raise_to_noise, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
@@ -69,7 +69,7 @@ def test_a_jump_is_not_noise() -> None:
 def test_floors_that_were_raised_to_noise_before_the_first_step_stay() -> None:
     """The loop set the floors of velocities that are zero anew, and a body at rest ran without end."""
     model = lg.System(plain(x), sp.cos(x), initial={x: 0.3}).compile()
-    method, request = find("taylor"), Problem(model, {}, 0.0, 1.0, np.array(model.statement.initial))
+    method, request = Taylor(), Problem(model, {}, 0.0, 1.0, np.array(model.statement.initial))
     plan = method.plan(request)
     state = plan.tolerances.begin(0.0, 1.0, request.y0)
     assert raise_to_noise(model, model.parameter_array(), state)

@@ -33,8 +33,9 @@ DEPENDENT = 1e-12
 MOST_CASES = 1024
 """Most combinations of states that are all tried. With more, one solution is found by pivoting."""
 
-TURNS = 200
-"""Most iterations for the direction in which a body begins to slide in a plane; each halves the error or better."""
+TURNS, SLOW_TURN, LEAST_TURN = 300, 0.7, 1 / 16
+"""Most iterations for the direction in which a body begins to slide in a plane. The share of a turn is halved where the
+error does not fall below this part, to the least share: among many contacts whole turns overshoot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +77,8 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     """Return the solutions of the complementarity problem, those that hold the surfaces first.
 
     `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried, or one solution is found by
-    pivoting if these are many. Of solutions with the same rates the one with the least forces counts. Where static
-    friction can hold what kinetic friction cannot, it holds. The list is empty if there is none.
+    pivoting if these are many. Of solutions with the same rates the one with the least forces counts. Surfaces at rest
+    stay so if they can. The list is empty if there is no solution.
     """
     count = math.prod(len(contact.cases()) for contact in contacts)
     if count > MOST_CASES:
@@ -85,13 +86,12 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         return [] if found is None else [found]
     kept: list[Balance] = []
     for balance in _balances(matrix, bias, contacts):
-        pairs = enumerate(kept)
-        twin = next((i for i, one in pairs if _same(balance, one, matrix, bias) or _held(one, balance, contacts)), None)
+        twin = next((i for i, other in enumerate(kept) if _same(balance, other, matrix, bias)), None)
         if twin is None:
             kept.append(balance)
         elif _size(balance) < (1 - NOISE) * _size(kept[twin]) and _sliding(balance) == _sliding(kept[twin]):
             kept[twin] = balance
-    return kept
+    return [balance for balance in kept if not any(_displaces(other, balance, contacts) for other in kept)]
 
 
 def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
@@ -116,21 +116,28 @@ def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArr
 
 
 def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) -> bool:
-    """Return whether two solutions have the same rates, or differ only in a contact that holds or begins to slide."""
-    close = np.abs(one.rates - other.rates) <= 10 * _noise(matrix, bias, one.forces)
-    closed = [state != OPEN for state in one.states] == [state != OPEN for state in other.states]
-    return bool(close.all()) or (closed and STICKING in (*one.states, *other.states) and one.states != other.states)
+    """Return whether two solutions have the same rates."""
+    return bool((np.abs(one.rates - other.rates) <= 10 * _noise(matrix, bias, one.forces)).all())
 
 
-def _held(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
-    """Return whether static friction alone holds a contact in a solution, and fewer contacts slide than in another."""
-    fewer = _sliding(one) < _sliding(other)
-    pairs = zip(rows_of(contacts), contacts, one.states, strict=True)
-    return fewer and any(
-        state == STICKING
-        and np.linalg.norm(one.forces[along]) > (contact.kinetic + NOISE * contact.static) * one.forces[normal]
-        for (normal, along), contact, state in pairs
-    )
+def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
+    """Return whether surfaces that stick in one solution, and slide in another, stay at rest.
+
+    Coulomb's law lets a surface at rest slide only if no force in its cone holds it. All that sticks in the other
+    solution must stick in the first. A contact that differs otherwise, such as one that opens, follows from the slip
+    only if kinetic friction could not hold what static friction does.
+    """
+    if any(b == STICKING != a for a, b in zip(one.states, other.states, strict=True)):
+        return False
+    pairs = zip(rows_of(contacts), contacts, one.states, other.states, strict=True)
+    held = [
+        (contact, one.forces[normal], one.forces[along])
+        for (normal, along), contact, a, b in pairs
+        if a == STICKING and b == SLIDING
+    ]
+    differences = sum(a != b for a, b in zip(one.states, other.states, strict=True))
+    by_static = any(np.linalg.norm(f) > (contact.kinetic + NOISE * contact.static) * n for contact, n, f in held)
+    return bool(held) and (differences == len(held) or by_static)
 
 
 class _Rows:
@@ -171,12 +178,15 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
                 searched[c, rows.members[:, i]] = way is None
     if searched.any():
         ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
+    share, change = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf)
     for _ in range(TURNS):
         forces, rates, solved = _forces(matrix, bias, rows, states, ways)
-        moving = searched & (rows.directions(rates) != 0).any(axis=1, keepdims=True)
+        moving = searched & (rows.directions(rates) != 0)
         turned = np.where(moving, rows.directions(rates), ways)
-        change = np.abs(turned - ways).max(axis=1)
-        ways = turned
+        before, change = change, np.abs(turned - ways).max(axis=1)
+        # A turn that overshoots is shortened.
+        share[change > SLOW_TURN * before] /= 2
+        ways = np.where(searched, rows.directions(ways + np.maximum(share, LEAST_TURN) * (turned - ways)), ways)
         if change[solved].max(initial=0.0) <= 4 * np.finfo(float).eps:
             break
     good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))

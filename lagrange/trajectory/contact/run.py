@@ -18,7 +18,8 @@ from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
 from lagrange.trajectory.contact.history import FRICTION, ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
-from lagrange.trajectory.contact.transition import Behind, Transitions, Undetermined
+from lagrange.trajectory.contact.transition import Behind, Transitions
+from lagrange.trajectory.contact.undetermined import Undetermined
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import (

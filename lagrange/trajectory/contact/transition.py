@@ -196,6 +196,9 @@ class Transitions:
             speed = max(-float(rates[normal]), 0.0)
             e = 0.0 if i in plastic or not speed else kin.restitution(i, speed)
             law = kin.friction(i, np.zeros(len(along)), np.zeros(1))
+            if along and np.linalg.norm(rates[along]) > touch.noise[along].max():
+                # Surfaces that slide into an impact are stopped by kinetic friction; static friction is that of rest.
+                law = replace(law, static=law.kinetic)
             laws.append(law)
             rows += [normal, *along[: law.components]]
             shift += [-e * speed] + [0.0] * law.components
