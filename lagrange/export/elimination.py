@@ -1,7 +1,7 @@
-"""Solve symmetric linear systems: two plain functions, and their text in languages that print straight lines.
+"""Solve symmetric linear systems: plain functions, and their text in languages that print straight lines.
 
-Matrices that are not definite, as those of constraints, need row exchanges, which depend on numbers: these two
-functions are all that has loops in such a file.
+Matrices that are not definite, as those of constraints, need row exchanges, which depend on numbers: these functions
+are all that has loops in such a file.
 """
 
 from __future__ import annotations
@@ -14,34 +14,30 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.linear.pivoted import PIVOT
+from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 ROWS = 3
-"""Number of rows that a factored matrix has below its n rows: row numbers, units, and largest entries."""
+"""Number of rows that a factored matrix has below its n rows: row numbers, units, and preferences as pivots."""
 
 
 def factored(n: int, a: Any) -> bool:
     """Replace the lower triangle in `a` (n + 3, n) by factors L U; return True if the matrix is singular to round-off.
 
-    Rows and columns are scaled by the units, so that the diagonal is one if it is positive. A positive definite matrix
-    is eliminated in its upper triangle, which takes half of the time. Otherwise rows are exchanged.
+    A positive definite matrix is eliminated in its upper triangle, which takes half of the time. Otherwise rows are
+    exchanged; a row of a constraint is preferred to that of an inertia, which may be rounding alone.
     """
-    positive = True
+    scaled(n, a)
+    definite = True
     singular = False
     nan_or_zero = 0.0
     for i in range(n):
-        positive = positive and a[i, i] > 0.0
-        a[n, i] = float(i)
-        a[n + 1, i] = 1.0
-        a[n + 2, i] = a[i, i]
-    if positive:
-        for i in range(n):
-            a[n + 1, i] = 1.0 / math.sqrt(a[i, i])
-            a[i, i] = 1.0
-            for j in range(i):
-                a[j, i] = a[n + 1, j] * a[i, j] * a[n + 1, i]
+        definite = definite and a[i, i] > 0.0
+        for j in range(n):
+            nan_or_zero = nan_or_zero + 0.0 * a[i, j]
+    positive = definite
+    if definite:
         for j in range(n):
             positive = positive and a[j, j] > PIVOT
             pivot = 1.0 / a[j, j]
@@ -54,24 +50,18 @@ def factored(n: int, a: Any) -> bool:
             scale = 1.0 / a[j, j]
             for i in range(j + 1, n):
                 a[i, j] = a[j, i] * scale
-    if not positive:
+    if definite and not positive:
         for i in range(n):
-            a[i, i] = a[n + 2, i]
+            a[i, i] = 1.0
             for j in range(i):
                 a[j, i] = a[i, j]
-        for i in range(n):
-            a[n + 2, i] = 0.0
-            for j in range(n):
-                a[i, j] = a[n + 1, i] * a[i, j] * a[n + 1, j]
-                nan_or_zero = nan_or_zero + 0.0 * a[i, j]
-                if abs(a[i, j]) > a[n + 2, i]:
-                    a[n + 2, i] = abs(a[i, j])
+    if not positive:
         for j in range(n):
             best = j
             for i in range(j + 1, n):
-                if abs(a[i, j]) * a[n + 2, best] > abs(a[best, j]) * a[n + 2, i]:
+                if abs(a[i, j]) * a[n + 2, i] > abs(a[best, j]) * a[n + 2, best]:
                     best = i
-            if abs(a[best, j]) <= PIVOT * a[n + 2, best]:
+            if abs(a[best, j]) <= PIVOT:
                 singular = True
             for k in range(n):
                 a[j, k], a[best, k] = a[best, k], a[j, k]
@@ -82,6 +72,37 @@ def factored(n: int, a: Any) -> bool:
                 for k in range(j + 1, n):
                     a[i, k] = a[i, k] - a[i, j] * a[j, k]
     return singular and nan_or_zero == 0.0
+
+
+def scaled(n: int, a: Any) -> None:
+    """Fill the upper triangle of `a`, and scale rows and columns by units, so that no unit of a user decides.
+
+    Diagonal entries become one in size. Of rows without one, constraints and coordinates without inertia, the largest
+    entry becomes one; constraints come last, and are scaled first. The units are those of
+    `lagrange.algorithm.linear.pivoted`.
+    """
+    for i in range(n):
+        a[n, i] = float(i)
+        a[n + 1, i] = 0.0
+        a[n + 2, i] = PREFERENCE
+        if abs(a[i, i]) > 0.0:
+            a[n + 1, i] = 1.0 / math.sqrt(abs(a[i, i]))
+            a[n + 2, i] = 1.0
+        for j in range(i):
+            a[j, i] = a[i, j]
+    for i in reversed(range(n)):
+        largest = 0.0
+        for j in range(n):
+            if abs(a[i, j]) * a[n + 1, j] > largest:
+                largest = abs(a[i, j]) * a[n + 1, j]
+        if a[n + 1, i] == 0.0 and largest > 0.0:
+            a[n + 1, i] = 1.0 / largest
+    for i in range(n):
+        if a[n + 1, i] == 0.0:
+            a[n + 1, i] = 1.0
+    for i in range(n):
+        for j in range(n):
+            a[i, j] = a[n + 1, i] * a[i, j] * a[n + 1, j]
 
 
 def solved(n: int, a: Any, right: Any, x: Any) -> None:
@@ -134,16 +155,24 @@ class Statements:
 
 def body(function: Callable[..., Any], statements: Statements) -> list[str]:
     """Return the lines of the body of one of the functions above in a language, indented by one level."""
+    found = _statements(function)
+    return [f"    {line}" for line in _Printer(statements, _changed(found)).block(found)]
+
+
+def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
+    """Return the statements of a function, with those of `scaled` in place of its call."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(tree, ast.FunctionDef)
-    return [f"    {line}" for line in _Printer(statements, _changed(tree)).block(tree.body[1:])]
+    _, first, *rest = tree.body
+    return [*(_statements(scaled) if isinstance(first, ast.Expr) else [first]), *rest]
 
 
-def _changed(tree: ast.FunctionDef) -> dict[str, bool]:
-    """Return the local variables of a function; the value is True for those that are assigned more than once."""
+def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
+    """Return the local variables of some statements; the value is True for those that are assigned more than once."""
     names = [
         target.id
-        for one in ast.walk(tree)
+        for statement in statements
+        for one in ast.walk(statement)
         if isinstance(one, ast.Assign)
         for target in one.targets
         if isinstance(target, ast.Name)
@@ -217,8 +246,8 @@ class _Printer:
     def _spelled(self, one: ast.expr) -> tuple[int, str]:
         style = self.statements
         match one:
-            case ast.Name(id="PIVOT"):
-                return ATOM, self.statements.literals.real(PIVOT)
+            case ast.Name(id="PIVOT" | "PREFERENCE" as name):
+                return ATOM, self.statements.literals.real(PIVOT if name == "PIVOT" else PREFERENCE)
             case ast.Name(id=name):
                 return ATOM, name
             case ast.Constant(value=bool() as value):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lagrange.algorithm.linear.pivoted import PIVOT
+from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
 from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import TEXT_WIDTH, commented
@@ -35,10 +35,27 @@ LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
 ELIMINATION = f'''
 PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
+PREFERENCE = {PREFERENCE!r}  # constraints are preferred as pivots to inertias, which may be rounding alone
 
 
 def _is_zero(x):
     return isinstance(x, float) and x == 0.0
+
+
+def _open_units(n, a):
+    """Return units that make the diagonal one in size, and the largest entry of rows without a diagonal entry."""
+    units = [None] * n
+    for i in range(n):
+        if not _is_zero(a[i][i]):
+            inertia = abs(a[i][i])
+            units[i] = 1.0 / _sqrt(_where(inertia > 0.0, inertia, 1.0))
+    for i in reversed(range(n)):
+        if units[i] is None:
+            size = 0.0
+            for x, unit in zip(a[i], units):
+                size = size if unit is None or _is_zero(x) else _most(size, abs(x) * unit)
+            units[i] = None if _is_zero(size) else 1.0 / _where(size > 0.0, size, 1.0)
+    return [1.0 if unit is None else unit for unit in units]
 
 
 def _rows(n, lower):
@@ -52,7 +69,10 @@ def _rows(n, lower):
         finite = finite if _is_zero(x) else _both(finite, abs(x) <= {sys.float_info.max!r})
     for i in range(1, n):
         positive = _both(positive, a[i][i] > 0.0)
-    units = [_where(positive, 1.0 / _sqrt(_where(positive, a[i][i], 1.0)), 1.0) for i in range(n)]
+    if any(_is_zero(a[i][i]) for i in range(n)):
+        units = _open_units(n, a)
+    else:
+        units = [_where(positive, 1.0 / _sqrt(_where(positive, a[i][i], 1.0)), 1.0) for i in range(n)]
     units = [_fixed(_where(finite, unit, float("nan"))) for unit in units]
     rows = [[0.0 if _is_zero(x) else units[i] * x * units[j] for j, x in enumerate(a[i])] for i in range(n)]
     return rows, units
@@ -69,6 +89,8 @@ def _eliminated(n, rows):
         for x in row:
             size = size if _is_zero(x) else _most(size, abs(x))
         largest.append(_fixed(size))
+    if any(_is_zero(a[i][i]) for i in range(n)):
+        largest = [_fixed(1.0 / PREFERENCE if _is_zero(a[i][i]) else 1.0) for i in range(n)]
     singular = False
     if n == 2:
         determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]

@@ -102,9 +102,9 @@ FACTORED = """\
     integer, intent(in) :: n
     real(dp), intent(inout) :: a(:, :)
     logical, intent(out) :: singular
-    logical :: positive
+    logical :: definite, positive
     integer :: i, j, k, best
-    real(dp) :: nan_or_zero, pivot, factor, scale, kept"""
+    real(dp) :: nan_or_zero, largest, pivot, factor, scale, kept"""
 
 SOLVED = """\
   pure subroutine solved(n, a, right, x)

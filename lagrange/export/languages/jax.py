@@ -92,12 +92,16 @@ def _factored(n, *lower):
     entries = jnp.stack([jnp.asarray(x, jnp.float64) for x in lower])
     a = entries[jnp.maximum(i, j) * (jnp.maximum(i, j) + 1) // 2 + jnp.minimum(i, j)]
     diagonal = jnp.diagonal(a)
-    positive = (diagonal > 0.0).all()
-    units = _fixed(jnp.where(positive, 1.0 / jnp.sqrt(jnp.where(positive, diagonal, 1.0)), 1.0))
+    inert = jnp.abs(diagonal) > 0.0
+    units = jnp.where(inert, 1.0 / jnp.sqrt(jnp.where(inert, jnp.abs(diagonal), 1.0)), 0.0)
+    for _ in range(2):
+        sizes = (jnp.abs(a) * units).max(axis=1)
+        units = jnp.where((units == 0.0) & (sizes > 0.0), 1.0 / jnp.where(sizes > 0.0, sizes, 1.0), units)
+    units = _fixed(jnp.where(units == 0.0, 1.0, units))
     a = units[:, None] * a * units
-    largest = _fixed(jnp.abs(a).max(axis=1))
+    largest = jnp.where(inert, 1.0, 1.0 / PREFERENCE)
     lu, exchanges = jax.scipy.linalg.lu_factor(a / largest[:, None])
-    vanishes = (largest == 0.0).any() | (jnp.abs(jnp.diagonal(lu)) <= PIVOT).any()
+    vanishes = (jnp.abs(jnp.diagonal(lu)) <= PIVOT).any()
     return (units, (lu, exchanges), largest), vanishes
 
 

@@ -84,16 +84,18 @@ _OWN = "t y out parameters prepare factored solved smaller larger sign_of fill i
 
 FACTORED = f"""\
 // L U of a symmetric matrix, given by its lower triangle, in units in which its diagonal is one, if that is positive;
-// behind it where each row stood, the units, and the largest entries. A singular matrix ends the simulation.
+// behind it where each row stood, the units, and the preferences. A singular matrix ends the simulation.
 function factored
   input Integer n;
   input Real lower[n + {ROWS}, n];
   output Real a[n + {ROWS}, n];
 protected
+  Boolean definite;
   Boolean positive;
   Boolean singular;
   Integer best;
   Real nan_or_zero;
+  Real largest;
   Real pivot;
   Real factor;
   Real scale;
