@@ -41,8 +41,8 @@ from lagrange.statement.event import event as event
 from lagrange.statement.given.function import given as given
 from lagrange.statement.given.motion import table as table
 from lagrange.statement.rotation import rotation as rotation
-from lagrange.statement.rotation import turn as turn
 from lagrange.statement.shape import shape as shape
+from lagrange.statement.space import turn as turn
 from lagrange.statement.space import x as x
 from lagrange.statement.space import y as y
 from lagrange.statement.space import z as z

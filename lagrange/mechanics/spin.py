@@ -53,8 +53,9 @@ class _InTurns:
     """The equations of a derivation at a point, and their derivatives there."""
 
     def __init__(self, system: Stated, at: Any, inputs: Any) -> None:
-        self.statement, self.read, self.at = system.statement, system.statement.as_read, dict(at or {})
+        self.statement, self.read = system.statement, system.statement.as_read
         self.values, self.inputs = stated_values(self.statement, at, inputs)
+        self.at = dict(at or {})
         self.n = len(self.read.coordinates)
         self.velocities = tuple(map(velocity_of, self.read.coordinates))
         self.second = tuple(map(acceleration_of, self.read.coordinates))

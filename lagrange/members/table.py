@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.equations.euler_lagrange import node_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
+from lagrange.graph.evaluate import doubles
 from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
 from lagrange.members.varied import Arrays, MemberNumbers, Varied
@@ -17,7 +19,14 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.parameters import label_of
-from lagrange.statement.rotation import check_start, in_symbols, rotation_of, set_rates
+from lagrange.statement.rotation import (
+    check_start,
+    check_triangle,
+    in_symbols,
+    inertia_in_parameters,
+    rotation_of,
+    set_rates,
+)
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -88,12 +97,25 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
     _check_signs(model, varied, columns)
     table = MemberTable(varied, state, values, rows, rates, columns, statement.coordinates)
     if statement.rotations:
-        check_start(statement.coordinates, table.starts(np.arange(min(len(table), MOST_CHECKED))).states.T)
+        starts = table.starts(np.arange(min(len(table), MOST_CHECKED)))
+        check_start(statement.coordinates, starts.states.T)
+        _check_moments(model, starts.parameters)
     return table
 
 
+def _check_moments(model: Model, parameters: FloatArray) -> None:
+    """Raise StatementError for members (m, k) whose moments of inertia break the triangle inequality."""
+    statement, equations = model.statement, model.equations
+    point = dict(zip(equations.parameters, parameters.T, strict=True))
+    for name in statement.rotations:
+        rows = inertia_in_parameters(statement.kinetic, name)
+        if rows is not None:
+            entries = [node_of(entry, statement, equations) for row in rows for entry in row]
+            check_triangle(doubles(entries, point, len(parameters)).T.reshape(-1, 3, 3), name)
+
+
 MOST_CHECKED = 100_000
-"""Largest number of members whose rotations are checked at their starts."""
+"""Largest number of members whose rotations are checked: their starts and moments of inertia."""
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:

@@ -52,6 +52,12 @@ def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, 
     return refused
 
 
+class NonScalar:
+    """A value that is no single expression, such as a rotation; `remedy` says what to give in its place."""
+
+    remedy: str
+
+
 def expression(value: Any, what: str) -> Any:
     """Return a user's value, an expression or a number, as a SymPy expression; `what` names it in the refusal."""
     return in_full(as_typed(value, what))
@@ -79,6 +85,8 @@ def as_typed(value: Any, what: str) -> Any:
     function = callable(value) and not isinstance(value, sympy.Basic)
     if function or isinstance(value, (list, tuple, Mapping, Set)):
         raise StatementError(f"{what} is {shown(value, 60)} ({type(value).__name__}): give one SymPy expression.")
+    if isinstance(value, NonScalar):
+        raise StatementError(f"{what} is {shown(value)}: {value.remedy}.")
     number = real_number(value, what)
     if isinstance(value, numbers.Rational):  # an int too, exactly
         return sympy.Rational(int(value.numerator), int(value.denominator))

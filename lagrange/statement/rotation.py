@@ -30,16 +30,18 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.expression import SHORTHAND, TEXTS, as_typed, entries, in_full, is_shorthand
+from lagrange.statement.expression import SHORTHAND, NonScalar, as_typed, entries, in_full, is_shorthand
 from lagrange.statement.number import real_number
 from lagrange.statement.space import (
-    Quaternion,
+    LARGEST_DEVIATION,
     SpaceMatrix,
     body_rates,
     cross_matrix,
     in_space,
     matrix_of,
+    of_length,
     product,
+    quaternion_of,
     space_rates,
     velocities_at,
 )
@@ -49,9 +51,6 @@ ENTRIES = "wxyz"
 
 AXES = "xyz"
 """Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about an axis of the body."""
-
-LARGEST_DEVIATION = 1e-9
-"""Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
 
 
 def _refusal(instead: str) -> Callable[..., NoReturn]:
@@ -64,7 +63,7 @@ def _refusal(instead: str) -> Callable[..., NoReturn]:
     return refuse
 
 
-class Rotation:
+class Rotation(NonScalar):
     """A rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
 
     `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions.
@@ -78,6 +77,9 @@ class Rotation:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.remedy = (
+            f"give an entry {name}[i, j], a rate {name}.body[i], or a component of a turned vector, ({name}*v)[i]"
+        )
         self.quaternion = tuple(function_of_time(f"{name}_{entry}", {ROTATION: name}) for entry in ENTRIES)
         velocities = [velocity_of(q) for q in self.quaternion]
         pairs = [f"{a}{b}" for a in AXES for b in AXES]
@@ -120,6 +122,8 @@ class Rotation:
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Rotation):
             return self.matrix * other.matrix
+        if isinstance(other, (sympy.MatrixBase, np.ndarray)) and other.shape == (3, 3):
+            return self.matrix * sympy.Matrix(other)
         parts = entries(other, f"the vector that {self.name} turns")
         is_matrix = isinstance(other, sympy.MatrixBase)
         if parts is None or len(parts) != 3 or (is_matrix and other.cols != 1):
@@ -163,63 +167,6 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
 
-def turn(axis: ArrayLike, angle: float) -> Quaternion:
-    """Return the start of a rotation that is turned by an angle in radians about an axis of any length.
-
-    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is not a vector of three
-    numbers, or zero.
-    """
-    parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
-    along = np.array([real_number(part, "an entry of the axis") for part in parts])
-    size = float(np.linalg.norm(along))
-    if along.shape != (3,) or size == 0:
-        raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
-    half = real_number(angle, "the angle of a turn") / 2
-    i, j, k = (float(part) for part in np.sin(half) * along / size)
-    return float(np.cos(half)), i, j, k
-
-
-def quaternion_of(value: Any, name: str) -> Quaternion:
-    """Return the quaternion of a start, which is a quaternion or a rotation matrix.
-
-    Raises StatementError for one that is not a rotation, with its deviation.
-    """
-    given = np.array(value, dtype=object)
-    try:
-        numbers = given.astype(float)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
-        raise StatementError(
-            f"the start of {name} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "
-            "scalar first, or a matrix of 3 by 3 numbers."
-        )
-    if numbers.shape == (4,):
-        size = float(np.linalg.norm(numbers))
-        if abs(size - 1) > LARGEST_DEVIATION:
-            raise StatementError(_of_length(name, size))
-        return tuple((numbers / size).tolist())
-    if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > LARGEST_DEVIATION:
-        raise StatementError(
-            f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
-            f"{off:.3g}."
-        )
-    if np.linalg.det(numbers) < 0:
-        raise StatementError(f"the start of {name} is a reflection, with determinant -1: change the sign of one axis.")
-    from scipy.spatial.transform import Rotation as Matrix
-
-    i, j, k, w = Matrix.from_matrix(numbers).as_quat().tolist()
-    return w, i, j, k
-
-
-def _of_length(name: str, size: float) -> str:
-    """Return the message for a start of a rotation that is a quaternion of another length than one."""
-    return (
-        f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
-        "lagrange.turn(axis, angle)."
-    )
-
-
 def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return a `table` of a state with entries of coordinates and velocities in place of those of rotations.
 
@@ -228,7 +175,8 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     body, or about the axes of space if others of these are given. Raises StatementError for a start that is not a
     rotation, for rates about both, and for a rotation given both whole and by entries of its quaternion.
     """
-    plain, rates = _on_rates(given, values, table)
+    known = _names_of(tuple(values))
+    plain, rates = _on_rates({known.get(key, key): value for key, value in given.items()}, values, table)
     by_entry = {key if isinstance(key, str) else row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
     for each in starts:
@@ -255,6 +203,15 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
         plain |= dict(zip(each.quaternion, q, strict=True))
         plain |= dict(zip(velocities, moved, strict=True))
     return plain
+
+
+def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
+    """Return each rotation and its vectors of rates by their names, "R", "R.body" and "R.space"."""
+    return {
+        name: value
+        for each in _rotations_of(coordinates)
+        for name, value in ((each.name, each), (f"{each.name}.body", each.body), (f"{each.name}.space", each.space))
+    }
 
 
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
@@ -301,7 +258,9 @@ def _on_rates(
         for k, part in zip(axes, parts, strict=True):
             if row[k] is not None:
                 raise StatementError(f"{label} names {name_of(rates[k])} twice: give one value.")
-            row[k] = part if isinstance(part, (int, float)) else as_typed(part, f"{what}{name_of(rates[k])}")
+            is_number, rate = isinstance(part, (int, float)), f"{what}{name_of(rates[k])}"
+            typed = (real_number if is_number else as_typed)(part, rate)
+            row[k] = part if is_number else typed
     return plain, values
 
 
@@ -322,7 +281,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
         q, v = state[places], state[moving]
         sizes = np.sqrt((q * q).sum(axis=0))
         if (abs(sizes - 1) > STRETCH).any():
-            raise StatementError(_of_length(each.name, float(np.atleast_1d(sizes)[abs(sizes - 1).argmax()])))
+            raise StatementError(of_length(each.name, float(np.atleast_1d(sizes)[abs(sizes - 1).argmax()])))
         if (abs((q * v).sum(axis=0)) > STRETCH * np.sqrt((v * v).sum(axis=0))).any():
             raise StatementError(
                 f"the start of {each.name} has velocities of {each.name}_w to {each.name}_z that change the length of "
@@ -530,7 +489,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
     for each in rotations:
         scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
         mean = sympy.expand(sum(inertias) / 3)
-        if mean.has(sympy.nan, sympy.zoo, sympy.oo):
+        if mean.has(sympy.nan, sympy.zoo, sympy.oo, sympy.DiracDelta):
             raise StatementError(
                 f"the kinetic energy has a root or a quotient that is singular where {each.name}.body is zero, so "
                 f"{each.name} has no inertia there: make it smooth at rest, such as {each.name}.body.dot("
@@ -546,10 +505,9 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
 
 
 def without_inertia(name: str) -> str:
-    """Return the message for a rotation that the kinetic energy does not contain."""
+    """Return the message for a rotation without inertia in the kinetic energy, at rest."""
     return (
-        f"the kinetic energy has no {name}.body, so {name} has no inertia: add its energy, such as "
-        f"{name}.body.dot(J*{name}.body)/2."
+        f"the kinetic energy gives {name} no inertia at rest: add its energy, such as {name}.body.dot(J*{name}.body)/2."
     )
 
 
@@ -560,7 +518,7 @@ def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[A
     """
     here = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in here and f.args == (t,)]
-    rates = {velocity_of(q): sympy.Dummy() for q in each.quaternion}
+    rates = {velocity_of(q): sympy.Dummy(real=True) for q in each.quaternion}
     resting = {velocity_of(f): sympy.S.Zero for f in others}
     energy = kinetic.xreplace({**here, **dict.fromkeys(others, sympy.S.One), **resting, **rates})
     rest = dict.fromkeys(rates.values(), sympy.S.Zero) if still else {}
@@ -568,7 +526,7 @@ def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[A
 
 
 @lru_cache(maxsize=64)
-def _moments(kinetic: Any, name: str) -> list[list[Any]] | None:
+def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
     """Return the inertia matrix of a rotation about the axes of its body, (3, 3), in parameters.
 
     Returns None if it contains anything else, if the rates are coupled to other velocities, as by a constraint that was
@@ -585,14 +543,22 @@ def _moments(kinetic: Any, name: str) -> list[list[Any]] | None:
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
-    `values` are those of parameters. An inertia that contains anything else is not judged; see `_moments`.
+    `values` are those of parameters. An inertia that contains anything else is not judged; see `inertia_in_parameters`.
     """
-    rows = _moments(kinetic, name)
+    rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):
         return
     numbers = [[entry.xreplace(dict(values)) for entry in row] for row in rows]
-    least, middle, most = np.linalg.eigvalsh(np.array(numbers, dtype=float))
-    if least < -LARGEST_DEVIATION * most or most > (least + middle) * (1 + LARGEST_DEVIATION):
+    check_triangle(np.array([numbers], dtype=float), name)
+
+
+def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
+    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality."""
+    moments = np.linalg.eigvalsh(inertias)
+    low, high = -LARGEST_DEVIATION * moments[:, 2], moments[:, :2].sum(axis=1) * (1 + LARGEST_DEVIATION)
+    wrong = np.flatnonzero((moments[:, 0] < low) | (moments[:, 2] > high))
+    if wrong.size:
+        least, middle, most = moments[wrong[0]]
         raise StatementError(
             f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
             "above the sum of the other two."

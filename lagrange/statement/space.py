@@ -1,33 +1,47 @@
-"""Vectors and matrices in space, and quaternions: their product, the matrix of one, and angular velocities."""
+"""Vectors and matrices in space, and quaternions: products, the matrix of one, angular velocities, and starts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import sympy
+from numpy.typing import ArrayLike
+from sympy.matrices.exceptions import ShapeError
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.expression import as_typed, entries
+from lagrange.statement.expression import TEXTS, as_typed, entries
+from lagrange.statement.number import real_number
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):
     """A vector or a matrix in space. A tuple, a list or an array of three entries counts as a vector beside it."""
 
     def __add__(self, other: Any) -> Any:
-        return super().__add__(in_space(other))
+        return self._combined(super().__add__, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return super().__sub__(in_space(other))
+        return self._combined(super().__sub__, other)
 
     def __rsub__(self, other: Any) -> Any:
         return -self + other
 
     def __mul__(self, other: Any) -> Any:
-        return super().__mul__(in_space(other))
+        return self._combined(super().__mul__, other)
+
+    def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
+        """Return the result of an operation. Raises StatementError for shapes that do not fit."""
+        second = in_space(other)
+        try:
+            return operation(second)
+        except ShapeError:
+            raise StatementError(
+                f"a vector or matrix of shape {self.shape} does not fit one of shape {second.shape}: a.dot(b) and "
+                "a.cross(b) are the products of vectors in space, and a matrix is left of the vector."
+            ) from None
 
 
 def in_space(value: Any) -> Any:
@@ -100,3 +114,64 @@ def cross_matrix(vector: Sequence[Any]) -> Any:
     """Return the matrix of the vector products with a vector of three entries, (3, 3)."""
     a, b, c = vector
     return sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+
+
+LARGEST_DEVIATION = 1e-9
+"""Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
+
+
+def turn(axis: ArrayLike, angle: float) -> Quaternion:
+    """Return the start of a rotation that is turned by an angle in radians about an axis of any length.
+
+    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is not a vector of three
+    numbers, or zero.
+    """
+    parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
+    along = np.array([real_number(part, "an entry of the axis") for part in parts])
+    size = float(np.linalg.norm(along))
+    if along.shape != (3,) or size == 0:
+        raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
+    half = real_number(angle, "the angle of a turn") / 2
+    i, j, k = (float(part) for part in np.sin(half) * along / size)
+    return float(np.cos(half)), i, j, k
+
+
+def quaternion_of(value: Any, name: str) -> Quaternion:
+    """Return the quaternion of a start, which is a quaternion or a rotation matrix.
+
+    Raises StatementError for one that is not a rotation, with its deviation.
+    """
+    given = np.array(value, dtype=object)
+    try:
+        numbers = given.astype(float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
+        raise StatementError(
+            f"the start of {name} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "
+            "scalar first, or a matrix of 3 by 3 numbers."
+        )
+    if numbers.shape == (4,):
+        size = float(np.linalg.norm(numbers))
+        if abs(size - 1) > LARGEST_DEVIATION:
+            raise StatementError(of_length(name, size))
+        return tuple((numbers / size).tolist())
+    if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > LARGEST_DEVIATION:
+        raise StatementError(
+            f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
+            f"{off:.3g}."
+        )
+    if np.linalg.det(numbers) < 0:
+        raise StatementError(f"the start of {name} is a reflection, with determinant -1: change the sign of one axis.")
+    from scipy.spatial.transform import Rotation as Matrix
+
+    i, j, k, w = Matrix.from_matrix(numbers).as_quat().tolist()
+    return w, i, j, k
+
+
+def of_length(name: str, size: float) -> str:
+    """Return the message for a start of a rotation that is a quaternion of another length than one."""
+    return (
+        f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
+        "lagrange.turn(axis, angle)."
+    )

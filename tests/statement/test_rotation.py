@@ -245,6 +245,18 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: lg.System(R.body.dot(diag(1, 1, m) * R.body) / 2).run(1.0, parameters={m: 3}),
         "the moments of inertia of R are 1, 1 and 3",
     ),
+    "a moment above the sum in a member": (
+        lambda: lg.ensemble(
+            lg.System(R.body.dot(diag(1, 1, m) * R.body) / 2, parameters={m: 1}), 0.1, parameters={m: [1.0, 1.5, 2.5]}
+        ),
+        "the moments of inertia of R are 1, 1 and 2.5",
+    ),
+    "a rate that is not a number": (lambda: top().run(0.1, {R.body: (0, np.nan, 0)}), "R_body_y is nan: give a finite"),
+    "a product of two vectors": (lambda: R.body * R.body, r"a.dot\(b\) and a.cross\(b\) are the products of vectors"),
+    "a sum of other shapes": (lambda: R.body + R.T, "does not fit one of shape"),
+    "a force of a coordinate": (lambda: top(forces={x: R}), r"the force on x is <Rotation R>: give an entry R\[i, j\]"),
+    "an absolute rate": (lambda: lg.System(abs(R.body[0])), "singular where R.body is zero"),
+    "a place that is no dict": (lambda: top().linearize(R), "at is <Rotation R>: give a dict"),
     "a row": (lambda: R * lg.x.T, "turns a vector of three entries, not a row"),
     "right of an array": (lambda: R.__array_ufunc__(np.matmul, "__call__", np.eye(3), R), "use its entries"),
     "an argument of SymPy": (lambda: sympy.sin(R), "use its entries"),
@@ -253,7 +265,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: lg.System(sympy.sqrt(R.body.dot(R.body))),
         "a root or a quotient that is singular where R.body is zero",
     ),
-    "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "has no R.body, so R has no inertia"),
+    "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "gives R no inertia at rest: add its energy"),
     "Hamilton's equations": (lambda: top().hamiltonian(), "are not written out for rotations"),
     "a name": (lambda: lg.rotation("1x"), "cannot name a rotation"),
 }
@@ -303,3 +315,17 @@ def test_a_scene_of_constraints_on_rotations_is_written_as_typed(tmp_path: Path)
     doubled = system.substitute({J1: 2 * J3})
     assert doubled.derivation().constraints == system.derivation().constraints
     assert "R_w" not in str(doubled.equations())
+
+
+def test_a_start_names_a_rotation_by_its_text() -> None:
+    expected = top().run(0.1, {R: lg.turn((1, 2, 3), 0.4), R.space: (1, 2, 3)}).y
+    assert np.array_equal(top().run(0.1, {"R": lg.turn((1, 2, 3), 0.4), "R.space": (1, 2, 3)}).y, expected)
+
+
+def test_a_rotation_turns_a_matrix() -> None:
+    """R J R^T is the inertia in the axes of space: w . (R J R^T) w = W . J W with w = R W."""
+    inertia = diag(1, 2, 2.5)
+    run = top(initial={R: lg.turn((1, 2, 3), 0.4), R.body: (1, 2, 3)}).run(0.1)
+    for given in (inertia, np.diag([1, 2, 2.5])):
+        in_space = run.evaluate(R.space.dot(R * given * R.T * R.space))
+        assert np.allclose(in_space, run.evaluate(R.body.dot(inertia * R.body)), rtol=1e-13)
