@@ -18,6 +18,7 @@ from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
+from lagrange.statement.rotation import reset_of_coordinates
 from lagrange.statement.statement import Statement
 from lagrange.statement.units.dimension_check import check_event_dimensions
 
@@ -54,7 +55,8 @@ class Event:
                     f"{name} is {shown(table, 80)}: give a dict from coordinates, velocities and parameters to "
                     "expressions, such as {y.dot: -0.9*y.dot}."
                 )
-            values[name] = MappingProxyType({key: _value(value) for key, value in table.items()})
+            in_coordinates = reset_of_coordinates(table)
+            values[name] = MappingProxyType({key: _value(value) for key, value in in_coordinates.items()})
         for name, value in (
             ("expression", _zero(self.expression)),
             ("direction", _sign(self.direction)),
@@ -83,6 +85,7 @@ def event(
     zeros only, negative for falling ones, as in SciPy's solve_ivp. With `terminal=True` the run ends at the event,
     with a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their names,
     to expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that breaks.
+    A rotation R and its rates are keys as in a start, {R.body: -0.8*R.body}.
     Entries that it does not name keep their values.
 
     Raises StatementError for an expression, a direction, a `terminal` or a reset of the wrong type.

@@ -205,6 +205,19 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     return plain
 
 
+def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return a reset with entries of quaternions in place of rotations and rates, as in {R.body: -0.8 * R.body}."""
+    named, others = {}, {}
+    for key, value in reset.items():
+        rates = isinstance(key, sympy.MatrixBase) or is_shorthand(key)
+        (named if rates or isinstance(key, Rotation) else others)[key] = value
+    wholes = [*map(in_full, (key for key in named if not isinstance(key, Rotation)))]
+    functions = {f for whole in wholes for f in whole.atoms(AppliedUndef) if rotation_name(f) is not None}
+    functions |= {q for key in named if isinstance(key, Rotation) for q in key.quaternion}
+    state = {symbol: symbol for q in sorted(functions, key=str) for symbol in (q, velocity_of(q))}
+    return others | in_coordinates(named, state, "the reset")
+
+
 def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
     """Return each rotation and its vectors of rates by their names, "R", "R.body" and "R.space"."""
     return {

@@ -329,3 +329,22 @@ def test_a_rotation_turns_a_matrix() -> None:
     for given in (inertia, np.diag([1, 2, 2.5])):
         in_space = run.evaluate(R.space.dot(R * given * R.T * R.space))
         assert np.allclose(in_space, run.evaluate(R.body.dot(inertia * R.body)), rtol=1e-13)
+
+
+def test_an_event_sets_rates_and_attitude() -> None:
+    """A free body whose rates change their sign turns back the way it came."""
+    free = lg.System(R.body.dot(diag(1, 2, 2.5) * R.body) / 2, initial={R: lg.turn((1, 2, 3), 0.4), R.body: (1, 3, 2)})
+    back = free.run(2.0, events=[lg.event(lg.t - 1, reset={R.body: -R.body})], rtol=1e-13)
+    assert np.abs(back[R][-1] - back[R][0]).max() < 1e-12
+    turned = free.run(1.0, events=[lg.event(lg.t - 0.5, reset={R: lg.turn(lg.x, 0.1), R.body[2]: 0})], rtol=1e-13)
+    i, j, _ = free.run(0.5, rtol=1e-13)[R.body][:, -1]
+    after = free.run(0.5, {R: lg.turn(lg.x, 0.1), R.body: (i, j, 0)}, rtol=1e-13)
+    assert np.abs(turned[R][-1] - after[R][-1]).max() < 1e-12
+    with pytest.raises(lg.StatementError, match=r"the reset gives both R.body and R.space"):
+        lg.event(lg.t - 1, reset={R.body: (0, 0, 0), R.space: (0, 0, 0)})
+
+
+def test_a_violated_constraint_is_quoted_as_it_is_typed() -> None:
+    held = top(constraints={"spin": R.space[2] - R.body[2]})
+    with pytest.raises(lg.StatementError, match=r"'spin' \((-R_body_z \+ R_space_z|R_space_z - R_body_z)\) is"):
+        held.run(1.0, {R: lg.turn(lg.x, 1), R.body: (0, 0, 1)})

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import sympy
 from numpy.typing import NDArray
+from sympy.core.function import AppliedUndef
 
 from lagrange.equations.euler_lagrange import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.number import TYPED_ROUNDING
 from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
@@ -268,5 +271,8 @@ def _zero(stated: Constraint, part: int, model: Model) -> str:
 
 
 def _text(stated: Constraint, model: Model) -> str:
-    text = str(stated.expression.xreplace(dict(model.statement.plain)))
+    read = model.statement.reading or model.statement
+    typed = next((one.expression for one in read.constraints if one.name == stated.name), stated.expression)
+    plain = typed.xreplace(dict(model.statement.plain))
+    text = str(plain.xreplace({function: sympy.Symbol(name_of(function)) for function in plain.atoms(AppliedUndef)}))
     return text if len(text) <= LONGEST_EXPRESSION else text[: LONGEST_EXPRESSION - 3] + "..."
