@@ -207,7 +207,7 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
 
 def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
     """Return a reset with entries of quaternions in place of rotations and rates, as in {R.body: -0.8 * R.body}."""
-    named, others = {}, {}
+    named, others = dict[Any, Any](), dict[Any, Any]()
     for key, value in reset.items():
         rates = isinstance(key, sympy.MatrixBase) or is_shorthand(key)
         (named if rates or isinstance(key, Rotation) else others)[key] = value
