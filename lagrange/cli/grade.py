@@ -35,7 +35,7 @@ COLUMNS = ("student", "verdict", "finding", "reading")
 """Columns of the table of a folder of answers."""
 
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]|\A(?:%PDF|\{\\rtf)")
-"""A character or a beginning that no plain text has."""
+"""Matches a control character, or the first bytes of a file, that plain text does not contain."""
 
 UNREADABLE = "cannot be read"
 """Verdict for an answer that cannot be read."""

@@ -80,7 +80,7 @@ def _times(t_end: float, points: int) -> Any:
 
 
 def add_race(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `race` to the command line."""
     race_ = add_command(commands, "race", race, "measure error against time of integration methods on a scene")
     add_start(race_)
     race_.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")

@@ -105,7 +105,7 @@ class Derivation:
 
     @cached_property
     def potential(self) -> Any:
-        """V, merged and collected."""
+        """The potential energy V, merged and collected."""
         return self._merged("the potential energy", self.statement.potential)
 
     @cached_property

@@ -173,11 +173,11 @@ class Tried:
     statement: Statement | None
 
     def random_states(self) -> FloatArray:
-        """Return random states, (2n, POINTS)."""
+        """Return random states, (2n, RANDOM_STATES)."""
         return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, RANDOM_STATES))
 
     def starts(self) -> FloatArray:
-        """Return the initial state of the statement and the random states, (2n, 1 + POINTS)."""
+        """Return the initial state of the statement and the random states, (2n, 1 + RANDOM_STATES)."""
         random = self.random_states()
         return random if self.statement is None else np.array([self.statement.initial, *random.T]).T
 

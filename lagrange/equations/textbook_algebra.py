@@ -64,7 +64,7 @@ class StatedAlgebra:
 
     @cached_property
     def lagrangian(self) -> MonomialSum:
-        """L, merged."""
+        """The Lagrangian L, with like terms merged."""
         return self.algebra.merge_angles(self.read(self.statement.lagrangian))
 
     @cached_property

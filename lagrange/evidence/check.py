@@ -96,7 +96,7 @@ def check(
 
 
 class _Session:
-    """The state of one check."""
+    """State of one check: its points so far, and the comparisons at them."""
 
     def __init__(
         self, model: Model, textbook: Mapping[Any, Any] | None, other: Model | None, points: int, seed: int

@@ -149,7 +149,7 @@ class Statements:
     leave: str = ""
 
     def stored(self, name: str, value: str) -> str:
-        """Return an assignment."""
+        """Return an assignment of a value to a name in the language."""
         return self.store.format(name=name, value=value)
 
 

@@ -146,7 +146,7 @@ class StraightLinePrinter:
         )
 
     def element(self, array: str, place: int) -> str:
-        """Return an entry of an argument."""
+        """Return the text of an entry of an argument array."""
         self.unused.pop(array, None)
         return self.language.element.format(array, place + self.language.first)
 
@@ -177,7 +177,7 @@ class StraightLinePrinter:
                 self._operation(i, one)
 
     def _factor(self, i: int, one: Instruction) -> None:
-        """Print the factors of a matrix."""
+        """Print the factorization of a matrix."""
         name, n, language = f"f{i}", one.order, self.language
         self.needed["factor"] = None
         self.vectors[i] = name

@@ -73,7 +73,7 @@ def target_names() -> list[str]:
 
 
 def every_target() -> dict[str, Target]:
-    """Return all targets by name."""
+    """Return all targets by name, after loading their modules."""
     return {name: target_of(name) for name in target_names()}
 
 

@@ -201,7 +201,7 @@ class Library:
 
     @property
     def script(self) -> Script:
-        """The self-test."""
+        """Return the description of the self-test for this library."""
         evaluated = self.evaluated.replace("{", "{{").replace("}", "}}")
         return Script(
             comment=marked("#"),

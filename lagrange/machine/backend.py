@@ -50,7 +50,7 @@ class QuickCalls(NamedTuple):
 
 @runtime_checkable
 class Kernel(Protocol):
-    """A program ready to run."""
+    """A program that a machine has loaded, ready to be called."""
 
     @property
     def program(self) -> Program:
@@ -167,14 +167,14 @@ class Series(Protocol):
 
 
 class Machine(Protocol):
-    """A target that runs programs."""
+    """A target that loads programs and runs them, such as LLVM or NumPy."""
 
     @property
     def name(self) -> str:
         """The target's name, as `System.compile` takes it."""
 
     def load(self, program: Program) -> Kernel:
-        """Make a kernel of a program."""
+        """Return a kernel of a program, compiled or interpreted."""
 
     def series(self, program: SeriesProgram) -> Series:
         """Make a series program ready to run."""
@@ -252,7 +252,8 @@ class KernelProvider(Protocol):
 
     @property
     def again(self) -> Callable[..., Any]:
-        """The function that makes the model of a statement on the same machine, for pickles and for other statements.
+        """Function that makes another model on the same machine, for a statement.
 
-        It also takes the indices of independent constraints, where these are known.
+        Pickles call it, and other statements. It also takes the indices of independent constraints, where these are
+        known.
         """

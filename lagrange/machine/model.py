@@ -459,7 +459,7 @@ class Stated(Protocol):
         """Return the system of a checked statement."""
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Compile for a target."""
+        """Return the model of the system, compiled for a target."""
 
     def derivation(self) -> Derivation:
         """Return the textbook derivation."""

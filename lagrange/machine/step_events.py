@@ -106,7 +106,7 @@ class StepEventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
-        """Allocate copies of the numbers and counts of a run."""
+        """Allocate memory for copies of a run's numbers and counts, to which the loop returns after a change."""
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()
 

@@ -62,7 +62,10 @@ class StatedPoint:
 
     @cached_property
     def table(self) -> dict[Any, Any]:
-        """Replacement of coordinates, velocities and inputs by their values; at a decimal point of parameters too."""
+        """Replacement of coordinates, velocities and inputs by their values.
+
+        For a point in decimals it also replaces the parameters.
+        """
         values = self.numbers if self.decimal else {}
         return {
             **dict(zip(self.form.q, (x.xreplace(values) for x in self.q), strict=True)),

@@ -94,9 +94,10 @@ def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> 
 
 
 def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
-    """Return c M^-1 c/2 over one denominator, or as a sum of squares where that is shorter, as for a top.
+    """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, in its shortest form.
 
-    `inverted` are the adjugate and the determinant of M.
+    It is over one denominator, or a sum of squares where that is shorter, as for a top. `inverted` are the adjugate and
+    the determinant of M.
     """
     adjugate, determinant = inverted
     above, below = sympy.fraction(simplest((column.T * adjugate * column)[0] / (2 * determinant)))

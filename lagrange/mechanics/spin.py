@@ -119,7 +119,7 @@ class _InTurns:
         return made
 
     def linearization(self) -> Linearization:
-        """Return the matrices."""
+        """Return the linearization: the matrices M, C and K in small turns."""
         more = dict(zip(self.second, self.accelerations, strict=True))
         speeds = sympy.Matrix([self.here[v] for v in self.velocities])
         drag, slope = self.slopes(self.velocities, more), self.stiffness(more)

@@ -276,7 +276,10 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Sampled steps of a run: times (k, POINTS), states (2n, k, POINTS), and the parameters at these points."""
+    """Sampled steps of a run, at K = `SAMPLE_POINTS` points each: times (k, K), states (2n, k, K), and parameters.
+
+    k is the number of steps.
+    """
 
     of: SampledRun
     times: FloatArray
@@ -289,7 +292,7 @@ class _Steps:
         return np.asarray(self.times[:, -1] - self.times[:, 0])
 
     def values(self, expression: Any) -> FloatArray:
-        """Return an expression at the points, (k, POINTS)."""
+        """Return an expression at the points, (k, SAMPLE_POINTS)."""
         states = self.states.reshape(len(self.states), -1)
         values = self.of._values(expression, self.times.ravel(), states, self.parameters)
         return values.reshape(self.times.shape)

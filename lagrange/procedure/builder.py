@@ -61,7 +61,7 @@ class Folded:
 
     @property
     def value(self) -> Real:
-        """The result of all iterations."""
+        """Result of the reduction over all iterations."""
         return Real(self._builder, self._ref)
 
 
@@ -226,7 +226,7 @@ class Builder:
         return self.value_of(ref, kind)
 
     def value_of(self, ref: int, kind: Kind | Vector) -> Any:
-        """Return the value of a number."""
+        """Return the value with a number, to compute with."""
         return Entries(self, ref, kind) if isinstance(kind, Vector) else VALUES[kind](self, ref)
 
     def real(self, value: Any) -> Real:
@@ -439,7 +439,7 @@ class Builder:
         return made
 
     def unused(self) -> int:
-        """Return an unused number."""
+        """Return an unused number for a new value."""
         self._count += 1
         return self._count - 1
 

@@ -263,7 +263,7 @@ def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, 
 
 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the values that are integrated."""
+    """Return the values that rules of integration read at the previous order."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")
 
 

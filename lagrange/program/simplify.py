@@ -38,7 +38,10 @@ Term = tuple[bool, tuple[int, ...]]
 
 
 def simplified(program: Program) -> Program:
-    """Return the program with fewer operations; unchanged if none can be saved or if it has more than LARGEST."""
+    """Return the program with fewer operations.
+
+    It is unchanged if none can be saved, or if it has more than `LONGEST_PROGRAM` instructions.
+    """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
     found = _Simplifier(program).made()
@@ -213,7 +216,7 @@ class _Simplifier:
         return terms
 
     def total(self, terms: Sequence[Term]) -> Signed:
-        """Write a sum of products."""
+        """Emit a sum of products, and return its number."""
         found = None
         for negative, factors in terms:
             value = Signed(self.product(factors), negative)

@@ -96,7 +96,7 @@ class _Parts(NamedTuple):
 
     @classmethod
     def of(cls, e: Equations, switched: Switched, *, solved: bool) -> _Parts:
-        """Divide the outputs."""
+        """Return the outputs of `switched_equations`, divided into their parts."""
         n, m = len(e.motion.momenta), len(e.constraints)
         right = len(e.matrix) if solved else 0
         places = sum(phi is not None for phi in e.constraints.positions)

@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Return a function that refuses expressions in which SymPy overflows Python's stack.
 
-    Products and derivatives take up to eight nested calls for each level, and so overflow below `DEEPEST` levels.
+    Products and derivatives take up to eight nested calls for each level, and so overflow below `MOST_LEVELS` levels.
     """
 
     @wraps(function)

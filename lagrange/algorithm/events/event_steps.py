@@ -86,7 +86,7 @@ class EventRun:
     """1 if row 0 is the state before row 1, of the same motion."""
 
     outcome: int
-    """`Outcome` of the waiting steps."""
+    """`Outcome` with which the driver took the waiting steps."""
 
     rows: int
     """Number of rows that were written before the waiting steps."""
@@ -107,10 +107,10 @@ class EventRun:
     """Number of steps before the next review."""
 
     since: int
-    """Number of steps of the motion."""
+    """Number of steps since the present motion began."""
 
     fixed: int
-    """1 for steps of equal length."""
+    """1 if all steps have equal length, 0 with error control."""
 
     both: int
     """1 if the dense output of a step needs the next step: the first step of a motion waits for the second."""
@@ -122,7 +122,7 @@ class EventRun:
     """1 if the motion starts at row 1."""
 
     jumps: int
-    """Number of resets."""
+    """Number of resets of the state so far."""
 
     changed_at: int
     """Number of steps when the motion began, or changed last."""
@@ -150,11 +150,11 @@ class EventRun:
 
 
 EVENT_RUN = form_of(EventRun)
-"""The record in memory."""
+"""Record type of `EventRun`, by which machine code lays it out in memory."""
 
 
 GO_ON = -1
-"""Code while the loop continues."""
+"""Code that a part of the loop returns if the loop continues."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class Waiting:
 
     @inline
     def row(self, number: int) -> Out:
-        """Return the state in a row."""
+        """Return the state in row `number` of the waiting steps."""
         return self.states[number * self.dimension :]
 
     @inline

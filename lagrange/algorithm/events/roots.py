@@ -49,7 +49,7 @@ class Relay:
     """Place where it came nearest to zero, or farthest beyond."""
 
     depth: float
-    """Its value there, times the sign."""
+    """Value of the function at `near_at`, times the sign."""
 
     counted: int
     """1 until the function has left a root at the start that belongs to the step before."""

@@ -135,7 +135,7 @@ class Samples:
     steps: int
 
     columns = WIDEST_VECTOR
-    """Steps of a block."""
+    """Number of steps of a block: one for each column."""
 
     @inline
     def lines(self) -> Lines:

@@ -62,10 +62,10 @@ class Review:
     """Record of a review: the steps to review, and the reason and place where it ended."""
 
     begin: int
-    """First step that it goes through."""
+    """First step that the review visits."""
 
     end: int
-    """Step before which it ends."""
+    """Step before which the review must end."""
 
     starts: int
     """1 if the motion starts at the first step."""
@@ -96,7 +96,7 @@ class Review:
 
 
 REVIEW = form_of(Review)
-"""The record in memory."""
+"""Record type of `Review`, by which machine code lays it out in memory."""
 
 
 @dataclass(frozen=True)

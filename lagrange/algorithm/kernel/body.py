@@ -131,7 +131,7 @@ class Body:
         return value.called(name) if name else value
 
     def value(self, ref: int) -> Any:
-        """Return a number or a condition."""
+        """Return the value of an instruction: a number or a condition."""
         one = self.program.instructions[ref]
         if one.op == "constant":
             return self.p.constant(float(one.value), REAL)
@@ -143,7 +143,7 @@ class Body:
         return self.values[ref]
 
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
-        """Read a prepared result."""
+        """Read a prepared result from its slots in the prepared array."""
         inputs, held = self.inputs, self.inputs.parameters
         if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
@@ -208,7 +208,7 @@ class Body:
         return min(joined, self.style.systems)
 
     def instruction(self, ref: int) -> None:
-        """Add one instruction."""
+        """Add the statements of one instruction to the procedure."""
         one = self.program.instructions[ref]
         if one.op in GIVEN or self.known(ref):
             return
@@ -230,7 +230,7 @@ class Body:
         return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
 
     def vector(self, ref: int) -> list[Real]:
-        """Return a solution."""
+        """Return the solution that a solve instruction computed."""
         if ref in self.later:
             return [memory[place] for memory, place in self.later[ref]]
         if ref not in self.vectors:
@@ -283,7 +283,7 @@ class Body:
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
-        """Solve systems with one factored matrix."""
+        """Solve the systems of some instructions with one factored matrix."""
         if factor not in self.factors:
             self.loaded(factor)
         one = self.program.instructions[factor]

@@ -15,7 +15,7 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quot
 
 
 def padded(n: int) -> int:
-    """Return the distance between columns."""
+    """Return the distance in memory between columns of a matrix of order n."""
     return whole_blocks(n, WIDEST_VECTOR)
 
 

@@ -56,7 +56,7 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @shared
 def table_of_points() -> NDArray[np.float64]:
-    """Return the points and the weights, (2 * POINTS,)."""
+    """Return the points and the weights, (2 * SAMPLE_POINTS,)."""
     return np.concatenate(lobatto())
 
 

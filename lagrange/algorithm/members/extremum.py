@@ -47,7 +47,7 @@ def largest_between(columns: int | None = None) -> Procedure:
 
 
 class _BracketSearch:
-    """Builds the procedure."""
+    """Builder of the procedure that searches for a maximum in each bracket."""
 
     def __init__(self, columns: int | None) -> None:
         self.p = p = Builder("largest_between", "Raise numbers to the largest values between places.")

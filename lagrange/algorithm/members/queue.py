@@ -111,7 +111,7 @@ class Members(ABC):
         return found
 
     def build(self) -> Procedure:
-        """Return the procedure."""
+        """Return the procedure that runs members, after adding all of its statements."""
         p = self.p
         with p.repeat(lambda: self.member.value < self.count):
             with p.when(self.fresh.value):

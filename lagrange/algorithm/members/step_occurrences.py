@@ -92,7 +92,7 @@ class StepOccurrences(FirstOccurrences):
         return found
 
     def zero(self, slot: Whole) -> Memory:
-        """Return the state at a zero."""
+        """Return the state at the zero in a slot of the result arrays."""
         return self.reals["there"].at(slot * self.dimension)
 
     def end(self, step: OwnStep, end: Real) -> None:

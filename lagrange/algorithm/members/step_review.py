@@ -84,7 +84,7 @@ class StepSamples(Samples):
 
     @inline
     def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
-        """Note the end of the step."""
+        """Store the end time of the step; its other data are in the block already."""
         lines.t_end[0] = self.end
 
 

@@ -64,7 +64,7 @@ class MatrixCoefficients:
 
     @property
     def nodes(self) -> list[Node]:
-        """All coefficients."""
+        """All coefficients of the matrix, as nodes in one list."""
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 

@@ -71,7 +71,7 @@ class ByOrderJet(LoopJet):
         self.row = self.previous = self.rows
 
     def build(self) -> Procedure:
-        """Return the procedure."""
+        """Return the procedure that computes the series of a member."""
         p, packing = self.p, self.packing
         self.begin()
         for operand in dict.fromkeys(operand for chunk in packing.computed if (operand := divisor(chunk)) is not None):
@@ -103,7 +103,7 @@ class ByOrderJet(LoopJet):
         super().set_order(k)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks."""
+        """Build the coefficients of some chunks at the present order."""
         for chunk in chunks:
             self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
 
@@ -140,7 +140,7 @@ class ByOrderJet(LoopJet):
             put(self.p, self.rows, place, None if operand.ranked else self.at_zero(operand), lanes, lanes)
 
     def write(self) -> None:
-        """Write the row."""
+        """Write the row of the present order to memory."""
         self.write_state(self.now)
         for operand, place in self.places.items():
             lanes = len(operand.values)

@@ -31,7 +31,7 @@ class Image:
         self.packing, self.first = packing, first
         states = range(packing.program.states)
         self.homes: dict[int, int] = {i: i for i in states}
-        """The index of each value."""
+        """Index in memory of each value."""
         self.repeated: dict[int, int] = {i: i for i in states}
         """The value at each index of a home."""
         self.places: dict[Operand, int] = {}
@@ -155,7 +155,7 @@ class ChunkLane:
         return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def read(self, array: str, place: int) -> Real:
-        """Return a number of this lane."""
+        """Return this lane's number from an array."""
         found: Real = self.jet.part_of(array, place)[self.i]
         return found
 
@@ -184,7 +184,7 @@ class ChunkLane:
         return self.jet.common(self.chunk.coefficients[which])
 
     def constant(self, which: int) -> Real:
-        """Return a coefficient of the rule."""
+        """Return a constant coefficient of the chunk's rule, in this lane."""
         known = self.known(which)
         if known is not None:
             return self.p.real(known)
@@ -220,5 +220,5 @@ class ScatteredLane(ChunkLane):
         return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
 
     def constant(self, which: int) -> Real:
-        """Return a coefficient of the rule."""
+        """Return a constant coefficient of the chunk's rule, in this lane."""
         return self.jet.constants[self.chunk.coefficients[which][self.lane]]

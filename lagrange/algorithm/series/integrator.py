@@ -104,12 +104,12 @@ class TaylorProcedures:
         return found
 
     def order(self, rtol: float) -> int:
-        """Return the order for a tolerance."""
+        """Return the order of the series for a relative tolerance."""
         return cheapest_order(self.packing, rtol)
 
     @property
     def highest(self) -> int:
-        """The highest order that is chosen."""
+        """Highest order that is chosen for any tolerance."""
         return max(order for _, order in self.orders)
 
     @cached_property
@@ -138,7 +138,7 @@ class TaylorProcedures:
         return p.finish(FLAG)
 
     def taylor(self) -> Procedure:
-        """Return the integrator."""
+        """Return the procedure of the whole integrator."""
         jet, layout = self.jet
         n = layout.dimension
         p = Builder(

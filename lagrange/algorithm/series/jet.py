@@ -29,7 +29,7 @@ from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.series import SeriesProgram
 
 NAME = "taylor_jet"
-"""The name of the procedure."""
+"""Name of the procedure that computes the series, in printed code."""
 
 ANGLES_AT_ONCE = 8
 """Number of angles whose sines and cosines are computed at once, where there are vectors."""

@@ -42,7 +42,7 @@ def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
 
 
 class LoopedJet(LoopJet):
-    """Builder of the procedure."""
+    """Builder of the procedure that computes a series in a loop over orders."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
         layout, self.image = looped_layout(packing)
@@ -60,7 +60,7 @@ class LoopedJet(LoopJet):
         self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
 
     def build(self) -> Procedure:
-        """Return the procedure."""
+        """Return the procedure that computes the series."""
         p, packing = self.p, self.packing
         self.begin()
         self.lay_out()
@@ -87,7 +87,7 @@ class LoopedJet(LoopJet):
         return p.finish(FLAG)
 
     def clear(self, memory: Memory | None, count: int) -> None:
-        """Write zeros."""
+        """Write `count` zeros to memory."""
         if memory is not None:
             with self.p.each(count, width=1) as i:
                 memory[i] = 0.0
@@ -220,7 +220,7 @@ class LoopedJet(LoopJet):
                 target[i] = self.share(source[i])
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks."""
+        """Build the coefficients of some chunks at the present order."""
         for chunk in chunks:
             if chunk.op == "constant":
                 self.clear(self.part_of("now", self.image.places[chunk.whole]), len(chunk.values))
@@ -328,13 +328,13 @@ class LoopedJet(LoopJet):
             right[i] = 0.0 if found is None else found
 
     def write_first(self) -> None:
-        """Write order 0."""
+        """Write the values of order 0 to their rows."""
         rows, first = self.rows, self.arrays["first"]
         with self.p.each(self.layout.width, width=1) as i:
             rows[i] = first[i]
 
     def write(self) -> None:
-        """Complete the row."""
+        """Complete the row of the present order."""
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)

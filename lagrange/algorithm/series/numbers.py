@@ -54,7 +54,7 @@ class SeriesNumbers:
 
     @property
     def given(self) -> int:
-        """The number of parameters."""
+        """Number of parameters, which come first in the prepared array."""
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:

@@ -102,7 +102,7 @@ class Chunk:
 
     @property
     def whole(self) -> Operand:
-        """The chunk as an operand."""
+        """The chunk's values as an operand of other rules."""
         return Operand(self.values)
 
     @cached_property
@@ -310,7 +310,7 @@ class _Packer:
         return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
-        """Return the chunks of one group."""
+        """Return the chunks into which the values of one group are divided."""
         if self.alignment is not None:
             return [self.whole(op, self.alignment.parts(members))] if members else []
         rules = {i: self.canonical(self.program.rules[i]) for i in members}

@@ -43,7 +43,7 @@ class At(Protocol):
         """Return a coefficient of the rule if it is known at compile time, else None."""
 
     def constant(self, which: int) -> Term:
-        """Return a coefficient of the rule."""
+        """Return a constant coefficient of the rule."""
 
     def share(self, x: Term) -> Term:
         """Return x times scale / k."""

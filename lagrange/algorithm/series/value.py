@@ -77,7 +77,7 @@ class ChunkAt:
         return next(iter(found)) if len(found) == 1 else None
 
     def constant(self, which: int) -> Term:
-        """Return a coefficient of the rule."""
+        """Return a constant coefficient of the chunk's rule."""
         return self.series.constant(self.chunk.coefficients[which])
 
     def share(self, x: Term) -> Term:

@@ -63,7 +63,7 @@ class WrittenJet(JetBuilder):
         self.shares: dict[tuple[float, int], Term] = {}
 
     def build(self) -> Procedure:
-        """Return the procedure."""
+        """Return the procedure that computes the series without a loop."""
         self.begin()
         self.write()
         for k in range(1, self.highest + 1):
@@ -110,7 +110,7 @@ class WrittenJet(JetBuilder):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks."""
+        """Build the coefficients of some chunks at the present order."""
         for chunk in chunks:
             self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
 

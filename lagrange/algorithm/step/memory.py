@@ -21,7 +21,7 @@ from lagrange.program.step import StepProgram
 
 @record
 class Effort:
-    """Cost of a step."""
+    """Record of the cost of a step."""
 
     evaluations: int
     """Evaluations of the law."""
@@ -47,7 +47,7 @@ class Newton:
     """Size of corrections that are round-off, in units of the estimated round-off."""
 
     age: int
-    """Steps since the matrix was built."""
+    """Number of steps since the matrix was built."""
 
     solved: int
     """1 if the trial step has its unknowns."""
@@ -66,7 +66,7 @@ class Newton:
 
 
 EFFORT, NEWTON = form_of(Effort), form_of(Newton)
-"""The records in memory."""
+"""Record types of `Effort` and `Newton`, by which machine code lays them out in memory."""
 
 
 def work_array(layout: Layout) -> Array:

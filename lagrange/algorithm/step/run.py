@@ -39,7 +39,7 @@ class Run:
     """Share of its size to which an accepted step raises the floor of an entry; 0 if floors are stated."""
 
     previous: float
-    """Error norm of the step before."""
+    """Error norm of the previous step, for step control."""
 
     start: float
     """First time of the grid of equal steps."""
@@ -62,19 +62,19 @@ class Counts:
     """The counts and flags of a run."""
 
     steps: int
-    """Accepted steps."""
+    """Number of accepted steps."""
 
     rejected: int
-    """Rejected trials."""
+    """Number of rejected trial steps."""
 
     evaluations: int
-    """Evaluations of the law."""
+    """Number of evaluations of the law."""
 
     slope_known: int
     """1 if the first slope of the next step is known."""
 
     rows: int
-    """Rows that are written."""
+    """Number of rows that are written."""
 
     record: int
     """1 if accepted states are written as rows."""
@@ -90,7 +90,7 @@ class Counts:
 
 
 RUN, COUNTS = form_of(Run), form_of(Counts)
-"""The records in memory."""
+"""Record types of `Run` and `Counts`, by which machine code lays them out in memory."""
 
 
 def law_type(layout: Layout) -> Callee:

@@ -21,7 +21,7 @@ Registers = Mapping[int, Sequence[float]]
 """The entries of vectors that have just been computed, by number. Reading them from memory takes some cycles."""
 
 NO_REGISTERS: Registers = {}
-"""No vector is in registers."""
+"""Registers before any evaluation: no vector is in them."""
 
 
 @inline

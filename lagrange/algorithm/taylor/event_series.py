@@ -242,7 +242,7 @@ class TermSums:
     """Order of the next term."""
 
     power: float
-    """Power of the step in it."""
+    """Power of the step in the next term."""
 
     rest: float
     rates: float

@@ -192,7 +192,7 @@ class InspectedStep:
     """The length of the step in this unit."""
 
     left: float
-    """The rest of the run."""
+    """Time from the beginning of the step to the end of the run."""
 
     final: bool
     """True if the step ends at the end of the run."""

@@ -74,14 +74,14 @@ class OutputCounts:
     """Number of output times with states. The times are sorted in the direction of the run, and end with NaN."""
 
     done: int
-    """Number of those on proven steps."""
+    """Number of output times with states on steps that are proven."""
 
     ahead: int
-    """Number including the last step."""
+    """Number of output times with states, including the last step, which is not proven yet."""
 
 
 TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCounts)
-"""The records in memory."""
+"""Record types of `TaylorState`, `Held` and `OutputCounts`, by which machine code lays them out in memory."""
 
 
 @record

@@ -14,7 +14,7 @@ HIDDEN = ("jacobian",)
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
-"""Kinds of variables."""
+"""Kinds of variables: a result of a quantity, and an event indicator."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ STANDING = (
 
 
 class SteppingDriver(Protocol):
-    """A driver in machine code."""
+    """Protocol of a driver in machine code whose steps another compiled loop takes."""
 
     @property
     def function(self) -> StepFunction:

@@ -19,7 +19,7 @@ from lagrange.program.program import Program
 FloatArray = NDArray[np.float64]
 
 UNIT = 2.0**-53
-"""Unit of round-off."""
+"""Unit of round-off of doubles, 2**-53."""
 
 NO_PIVOT = 1e-12
 """Smallest pivot, relative to its summands, that needs no row exchange."""
@@ -122,7 +122,7 @@ _NOISY = Arithmetic(
     object,
     {"factor": _factor, "solve": _solve},
 )
-"""Arithmetic of numbers with noise."""
+"""Arithmetic table for numbers with noise."""
 
 
 def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:

@@ -135,7 +135,7 @@ class _Floats(Printer):
     def __init__(self, procedure: Procedure) -> None:
         super().__init__(procedure)
         self.once: list[str] = []
-        """Lines of the outer function."""
+        """Lines of the outer function, which run once for each set of parameters."""
         self.fixed: dict[int, None] = {}
         """Values of parameters alone, which the outer function computes."""
 
@@ -275,7 +275,7 @@ class _RowPrinter(_Floats):
         self.half_angles, self.most, self.place = half_angles, 0, 0
         self.free: list[str] = []
         self.rows: dict[int, str] = {}
-        """The working row that holds a value."""
+        """Index of the working row that holds a value, by the number of the value."""
         self.last = {ref: i for i, one in enumerate(procedure.body) for ref in operands(one)}
         """Index of the last statement that reads a value."""
         *results, _ = operands(procedure.body[-1])

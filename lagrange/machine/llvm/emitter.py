@@ -80,13 +80,13 @@ class Emitter:
         return name
 
     def label(self, name: str) -> None:
-        """Begin a basic block."""
+        """Begin the basic block with this name."""
         self.lines.append(f"{name}:")
         self.block = name
         self.accesses = 0
 
     def jump(self, name: str) -> None:
-        """Go to a block."""
+        """Emit a branch to the block with this name."""
         self.do(f"br label %{name}")
 
     def address(self, base: str, index: str | int, kind: str = "double") -> str:
@@ -100,7 +100,7 @@ class Emitter:
         return loaded
 
     def store(self, what: str, pointer: str, kind: str = "double") -> None:
-        """Store a value."""
+        """Store a value at a pointer."""
         self.accesses += 1
         self.do(f"store {kind} {what}, ptr {pointer}, align 8")
 

@@ -37,7 +37,7 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside."""
+        """Return the values that names have inside the block."""
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
@@ -175,7 +175,7 @@ class EachBlock(Block):
         """The whole array, the part, whether at the loop index itself, and whether written, of each access."""
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside."""
+        """Return the values that names have inside an iteration."""
         for name, value in zip(names, values, strict=True):
             if not isinstance(value, Missing):
                 raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")

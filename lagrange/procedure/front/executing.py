@@ -20,7 +20,7 @@ from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span
 
 
 class Returned(Exception):
-    """The function has returned a value."""
+    """Exception by which a function returns its value from inside blocks."""
 
     def __init__(self, value: Any) -> None:
         super().__init__()
@@ -203,7 +203,7 @@ class Ways:
             yield None
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside."""
+        """Return the values that names have inside the loop or branch."""
         self.values = values
         return values
 
@@ -236,7 +236,7 @@ class Iterations(Ways):
             yield index
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside."""
+        """Return the values that names have inside an iteration."""
         self.first = values
         return super().open(names, anew, *values)
 

@@ -1,4 +1,4 @@
-"""Declare a plain Python function as a procedure, or as a function that is inlined into its callers."""
+"""Decorators that declare a plain Python function as a procedure, or as one to be inlined into its callers."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
 
 
 def text(value: str) -> ast.expr:
-    """Return a constant string."""
+    """Return the syntax tree of a constant string."""
     return ast.Constant(value)
 
 
@@ -80,7 +80,7 @@ def lazily(value: ast.expr) -> ast.expr:
 
 
 def put(target: str, value: ast.expr) -> ast.stmt:
-    """Return an assignment to a name."""
+    """Return the syntax tree of an assignment to a name."""
     return ast.Assign([ast.Name(target, STORE)], value)
 
 
@@ -402,7 +402,7 @@ class Rewriter:
         raise self.refuse(x, INSTEAD.get(type(x), f"`{ast.unparse(x)}`"))
 
     def name(self, name: str) -> ast.expr:
-        """Return the expression for the value of a name; of a variable the present value is read."""
+        """Return the expression that reads a name; if the name may be a variable, its present value is read."""
         if name in self.changing and not any(name in names for names in self.scoped):
             return told("read", named(name))
         return named(name)

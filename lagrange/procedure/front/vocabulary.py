@@ -154,7 +154,7 @@ def operation(name: str, *values: Any) -> Any:
 
 
 def generated(form: Procedure, *args: Any) -> Any:
-    """Return the results of a procedure that a generator has built."""
+    """Call a procedure that a generator has built, given as `form`, and return its results."""
     results = run(form, *leaves(args))
     return results[0] if len(results) == 1 else results or None
 

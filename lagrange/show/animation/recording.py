@@ -140,7 +140,7 @@ def _deviation(row: FloatArray, factor: int) -> float:
 
 
 def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """Return the energies that have a value everywhere; none if the energy itself does not."""
+    """Return the energies by name that have a value at every sample; none of them if E itself has a gap."""
     if not solution.has_energy:
         return {}
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)

@@ -96,9 +96,9 @@ _STRAIGHT = 0.1
 
 
 def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
-    """Return the corners of a zigzag from start to end, (2, 2 TURNS + 3), `width` wide, in the units of the points.
+    """Return the corners of a zigzag from start to end, (2, 2 SPRING_TURNS + 3), in the units of the points.
 
-    A spring of zero length is a point.
+    It is `width` wide. A spring of zero length is a point.
     """
     along = np.concatenate([[0.0], np.linspace(_STRAIGHT, 1.0 - _STRAIGHT, 2 * SPRING_TURNS + 1), [1.0]])
     aside = np.zeros_like(along)

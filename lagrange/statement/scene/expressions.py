@@ -160,7 +160,7 @@ class Reader:
 
     @property
     def token(self) -> Token:
-        """The next token."""
+        """The next token, which is not taken yet."""
         return self.tokens[self.place]
 
     def take(self) -> Token:

@@ -225,9 +225,9 @@ class Transitions:
         released: Collection[int],
         near: Sequence[int],
     ) -> tuple[FloatArray, Mode, FloatArray]:
-        """Return the state and the mode with which the contacts `resting`, of zero gap and gap rate, go on.
+        """Return the state and the mode after a transition, for contacts `resting` with zero gap and gap rate.
 
-        The third is the second derivative of gaps, and the first of slips, by time, (rows,).
+        The third result are the second derivatives of gaps, and the first of slips, by time, (rows,).
         """
         kin, count = self.kinematics, len(self.kinematics.contacts)
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)

@@ -149,7 +149,7 @@ def root_of(node: Node) -> Impact:
 
 
 def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
-    """Return the events of a model; one kernel computes all resets."""
+    """Return the events of a run, translated for a model; one kernel computes all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None

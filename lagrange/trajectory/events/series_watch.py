@@ -357,7 +357,7 @@ class SeriesWatch(EventLog):
 
     @property
     def values(self) -> FloatArray:
-        """The parameters, then the sides."""
+        """Numbers that the series reads: the parameters, followed by the sides of surfaces."""
         return np.concatenate([self.parameters, self.sides])
 
     @property

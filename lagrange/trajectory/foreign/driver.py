@@ -124,7 +124,7 @@ class SolverPlan:
     form: str = ""
     watched: bool = False
     interpolants: list[StepInterpolant | Unread] = field(default_factory=list)
-    """Paths over the accepted steps, and possibly over steps after the last that counts."""
+    """Dense output of each accepted step. There may be more entries, of steps that did not count in the end."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
         """Return the driver, and start its time limit; see `Plan`."""
