@@ -23,26 +23,26 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 SMALLEST_BOUNCE = 1e-7
-"""Speed of an impact, as a fraction of the largest of those that shrink, from which the rest of them is summed.
-
-The height of the bounces that are left out is 1e-14 of the first. Times of flights have 8 digits then."""
+"""Speed of an impact, relative to the largest of a series of shrinking ones, below which the rest of the series is
+summed. The height of the bounces that are left out is 1e-14 of the first. Times of flights have 8 digits then."""
 
 FEWEST_FLIGHTS = 3
-"""Least number of flights, each shorter than the one before, that are an accumulation."""
+"""Smallest number of flights, each shorter than the one before, that count as an accumulation."""
 
 UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
-"""Impacts of a compiled loop whose restitution depends on the speed, and without loss of energy."""
+"""Largest number of impacts in one call of a compiled loop: if the restitution depends on the speed, and if no energy
+is lost."""
 
 LARGEST_COUPLED = 3
-"""Most coordinates that a mass matrix couples for which impacts are written out."""
+"""Largest number of coordinates that a mass matrix couples for which impacts are written out as resets."""
 
 LONGEST = 2_000
-"""Most operations of the velocities behind an impact that is written out."""
+"""Largest number of operations of the velocities after an impact that is written out."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """The impacts of a model whose contacts are open: a reset for each contact, None where it is not written out.
+    """Impacts without friction as resets: one for each contact, None where it is not written out.
 
     `kernel` returns, for each contact, the impulse, the energy lost and the impact speed by a state.
     """
@@ -86,7 +86,7 @@ def response_of(mass: Any, direction: Any) -> Any:
 
 
 def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) -> tuple[dict[Any, Any], Any, Any, Any]:
-    """Return the state behind an impact with a gap of zero, its impulse, the energy that it takes, and its speed."""
+    """Return the state after an impact with a gap of zero, its impulse, its energy loss, and its speed."""
     direction = sympy.Matrix([each.gap.diff(x) for x in q])
     speed = -sympy.Add(partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
     response = response_of(mass, direction)
@@ -102,24 +102,24 @@ def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) ->
 
 
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
-    """Return the derivative of a gap by time with the coordinates held."""
+    """Return the partial derivative of a gap by time, with the coordinates held fixed."""
     held = {x: sympy.Dummy() for x in q}
     return gap.xreplace(held).diff(time).xreplace({dummy: x for x, dummy in held.items()})
 
 
 class Bounces:
-    """The impacts since the last that was no weaker, to recognise infinitely many."""
+    """Impacts since the last that was at least as strong, to recognise an accumulation of infinitely many."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the impacts."""
+        """Forget all impacts so far."""
         self.times, self.speeds = np.empty(0), np.empty(0)
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Add impacts (k,); a flight that is not shorter than the one before begins anew."""
+        """Record impacts (k,). A flight that is not shorter than the one before begins a new series."""
         whole = np.append(self.times, times)
         again = np.flatnonzero(np.diff(whole, 2) >= 0)
         first = int(again[-1]) + 1 if len(again) else 0
@@ -127,7 +127,7 @@ class Bounces:
         self.contacts = [*self.contacts, *contacts][first:]
 
     def most(self, restitutions: Sequence[float | None]) -> int:
-        """Return how many impacts a compiled loop may take before the run looks whether they accumulate.
+        """Return how many impacts a compiled loop may take before the run tests for an accumulation.
 
         A ball that falls back is then hardly below `SMALLEST_BOUNCE`. `restitutions` are those of each contact, None
         where it depends on the speed.

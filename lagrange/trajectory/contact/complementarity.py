@@ -28,10 +28,10 @@ NOISE = 1e-10
 condition of the mass matrix up to 1e5."""
 
 DEPENDENT = 1e-12
-"""Equations follow from others if their singular value is below this part of the largest."""
+"""Singular values below this fraction of the largest mark dependent equations."""
 
 MOST_CASES = 1024
-"""Most combinations of states that are all tried. With more, one solution is found by pivoting."""
+"""Largest number of combinations of states that are all tried. With more, one solution is found by pivoting."""
 
 TURNS, SLOW_TURN, LEAST_TURN = 300, 0.7, 1 / 16
 """Most iterations for the direction in which a body begins to slide in a plane. The share of a turn is halved where the
@@ -52,7 +52,7 @@ class Friction:
     way: FloatArray | None = None
 
     def cases(self) -> list[tuple[str, FloatArray | None]]:
-        """Return the states that are possible, each with its direction of sliding, None where that is to be found."""
+        """Return the possible states, each with its direction of sliding; None where the direction must be computed."""
         if not self.components:
             return [(OPEN, None), (CLOSED, None)]
         if self.way is not None:

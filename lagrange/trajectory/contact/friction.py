@@ -32,7 +32,8 @@ SLIGHT, SHORT = 2.0**-48, 1e-3
 part of the run: 16 units of their round-off."""
 
 UNCOUPLED = 1e-14
-"""A product of directions is zero below this part of its terms: round-off of the stated numbers."""
+"""Two directions are uncoupled if their product is below this fraction of its terms: round-off of the stated
+numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +50,17 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
-        """Return a problem of the system as one of this model that begins with a way."""
+        """Return a problem of the system as a problem of this model, which begins sliding or sticking as `way` says."""
         y0 = np.insert(problem.y0, [self.model.layout.q.stop - 1, len(problem.y0)], [way, 0.0])
         parameters = {**problem.parameters, self.moment: moment}
         return replace(problem, model=self.model, y0=y0, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states (2n,) or (2n, N) of the system from those of this model."""
+        """Return states of the system, (2n,) or (2n, N), from states of this model."""
         return plain_states(self.model.layout, y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
-        """Return a run of this model as one of the system."""
+        """Return a run of the system from a run of this model."""
         events = tuple(self.plain(states.T).T for states in part.y_events)
         dense = PlainPath(part.dense, self.model.layout)
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
@@ -84,7 +85,7 @@ class PlainPath:
 
 
 def plain_states(layout: StateLayout, y: FloatArray) -> FloatArray:
-    """Return states without the last of the coordinates, and without its velocity."""
+    """Return states without the last coordinate and its velocity."""
     return np.delete(y, [layout.q.stop - 1, layout.v.stop - 1], axis=0)
 
 

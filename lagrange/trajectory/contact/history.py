@@ -24,7 +24,7 @@ from lagrange.trajectory.contact.transition import Impact
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12
-"""Points of Gauss's rule on each interval between outputs: it is exact for polynomials of degree 23."""
+"""Number of points of Gauss's rule on each interval between outputs: it is exact for polynomials of degree 23."""
 
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
 """Most halvings of the intervals, and the relative difference of two results that ends them."""
@@ -103,7 +103,7 @@ class ContactRun:
         return ByName("contact", ((each.name, ContactResult(self, i, each)) for i, each in enumerate(stated)))
 
     def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
-        """Yield each mode that holds at some of the times (K,), and where it does."""
+        """Yield each mode that holds at some of the times (K,), and a mask of these times."""
         numbers = segment_numbers(self.history.begins, times, forward=True)
         modes = self.history.modes
         for mode in dict.fromkeys(modes[i] for i in np.unique(numbers)):
@@ -170,7 +170,7 @@ class ContactRun:
         return self.history.lost_at(times) + self._rubbed(times)
 
     def _rubbed(self, times: FloatArray) -> FloatArray:
-        """Return the energy (K,) that sliding friction takes up to some times: the integral of its power."""
+        """Return the energy (K,) that sliding friction dissipates up to some times: the integral of its power."""
         begins, modes = self.history.begins, self.history.modes
         if self.history.rubbed is not None:
             return np.asarray(np.interp(times, self.t, self.history.rubbed))

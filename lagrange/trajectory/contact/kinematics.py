@@ -24,7 +24,7 @@ TOUCHING = 1e-13
 Balls that rest where their coordinates are zero have no terms of their own."""
 
 HELD = 1e-12
-"""The gap of a contact that is closed without projection stays below this fraction of these terms."""
+"""Largest gap of a closed contact without projection, relative to the terms of gaps."""
 
 STILL = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
@@ -35,7 +35,7 @@ ROUND_OFF = 2.0**-50
 Impulses pass it on from contact to contact. Tolerances relative to it would be far too small."""
 
 SLOW_SHARE = 1e-3
-"""Part of the largest rates of all contacts that a contact at rest counts as its own."""
+"""Fraction of the largest rates of all contacts that is used as the scale of a contact at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Touch:
 
     @cached_property
     def compliance(self) -> FloatArray:
-        """The change of the rates (rows, rows) that unit forces along each row cause."""
+        """Changes of the rates that unit forces along each row cause, (rows, rows)."""
         return self.directions @ self.responses
 
 

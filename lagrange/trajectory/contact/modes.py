@@ -33,10 +33,10 @@ It is `rtol` where that is larger: steps pass over a slip that is smaller than t
 The rest of the slip is taken away by an impulse."""
 
 MODELS_KEPT = 16
-"""Number of models whose modes are kept."""
+"""Number of models for which compiled modes are cached."""
 
 EVENTS_KEPT = 8
-"""Number of lists of events with which a mode is kept, so that its runs use the same drivers."""
+"""Number of lists of events that are cached with a mode, so that its runs use the same drivers."""
 
 Way = int | None
 """Direction of sliding along a single slip component, 1 or -1; None in a plane and for contacts that do not slide."""
@@ -68,7 +68,7 @@ class Mode:
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(self.states))
 
     def going(self, which: int, way: int) -> Mode:
-        """Return the mode in which a contact slides a way, or sticks if that is 0."""
+        """Return the mode in which a contact slides in direction `way`, or sticks if `way` is 0."""
         states, ways = list(self.states), list(self.ways)
         states[which], ways[which] = SLIDING if way else STICKING, way or None
         return replace(self, states=tuple(states), ways=tuple(ways))
@@ -89,16 +89,16 @@ class PreparedMode:
 
     @property
     def own(self) -> slice:
-        """The places of the events that end the mode."""
+        """Indices of the events that end the mode, among the events of its runs."""
         last = len(self.events) - (0 if self.friction is None else len(self.friction.events))
         return slice(last - len(self.ends), last)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states (2n,) or (2n, N) of the system from those of the model."""
+        """Return states of the system, (2n,) or (2n, N), from states of the mode's model."""
         return y if self.friction is None else self.friction.plain(y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
-        """Return a run of the system from one of the model."""
+        """Return a run of the system from a run of the mode's model."""
         return part if self.friction is None else self.friction.plain_run(part)
 
     @cached_property
@@ -207,7 +207,7 @@ class Modes:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def modes_of(model: Model) -> Modes:
-    """Return the modes of a model, which are made once for it."""
+    """Return the modes of a model, cached with it."""
     return Modes(model)
 
 

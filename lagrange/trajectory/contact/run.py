@@ -34,7 +34,7 @@ from lagrange.trajectory.parts import (
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 MOST_REPEATS = 3
-"""Most tries of a segment that ends where it begins because of round-off."""
+"""Largest number of repetitions of a segment that ends where it begins because of round-off."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Number of times in a segment at which open gaps are looked at, and the overlap that is more than errors, as a part of
@@ -44,10 +44,10 @@ NEARBY = 2.0**-16
 """Part of a segment, before its end, over which the derivative of an event is a difference; zeros are nearer."""
 
 STEPS_OUTSIDE = 30
-"""Steps of Newton's method from a start inside a body to one outside."""
+"""Number of Newton steps in the search for a start outside of all bodies, for an error message."""
 
 MOST_AT_ONCE = 32
-"""Most changes of the mode at one instant."""
+"""Largest number of changes of the mode at one instant."""
 
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, as a fraction of the time, below which no segment is run for it."""
@@ -134,13 +134,13 @@ class _ContactRun:
         return replace(found, contacts=self._history())
 
     def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
-        """Keep a segment."""
+        """Append a segment with its mode to the run."""
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
 
     def _stop(self, status: Status, cause: str) -> None:
-        """Give the last segment a status and a cause that end the run."""
+        """Set the status and the cause with which the last segment ends the run."""
         part = self.parts[-1]
         told = message(status, self.problem, part.span[1], last_state(part), part.method, cause=cause)
         self.parts[-1] = replace(part, status=status, message=told)
@@ -215,12 +215,15 @@ class _ContactRun:
         return self.modes.holds_still(mode, y) and self.modes.without_time(zeros)
 
     def _told(self, part: Trajectory) -> Trajectory:
-        """Return a segment that reached a limit with a message on the coordinates of the system alone."""
+        """Return a segment that reached a limit, with its message in the coordinates of the system."""
         at_end = part.status, self.problem, part.span[1], last_state(part)
         return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
-        """Return a segment, with the status UNRELIABLE if an open gap is negative in it: an impact was missed."""
+        """Return a segment.
+
+        Its status is UNRELIABLE if bodies overlap in it, because an impact was missed.
+        """
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
@@ -253,9 +256,9 @@ class _ContactRun:
         return [(t, following[round(way)]) for t, way in changes if not (ends and t == found.span[1])]
 
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
-        """Book the impacts inside the last segment; return False if the segment must be run again without them.
+        """Record the impacts inside the last segment; return False if it must be run again without compiled impacts.
 
-        Impacts of several contacts at one instant, and steps that fail, need a look at each impact.
+        Impacts of several contacts at one instant, and steps that fail, need a test of each impact.
         """
         found, users, end = self.found, len(self.problem.events), self.found.span[1]
         if found.status in FAILED:
@@ -325,7 +328,7 @@ class _ContactRun:
         return last_state(found)
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
-        """Return the state and the mode after the last segment, with the impacts between."""
+        """Return the state and the mode after the last segment, and after the impacts at its end."""
         t, y = self.found.span[1], self.end_state
         by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
@@ -384,7 +387,7 @@ class _ContactRun:
         return f"The nearest start outside has {listing(moved)}."
 
     def _note(self) -> str:
-        """Return sentences on impacts that accumulate, and on forces that contacts share."""
+        """Return sentences for the message on impacts that accumulate."""
         told = []
         for each, times in zip(self.contacts, self.rests, strict=True):
             if times:

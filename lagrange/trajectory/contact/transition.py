@@ -18,13 +18,13 @@ from lagrange.trajectory.contact.undetermined import Undetermined, undetermined
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
-"""Most impacts at one instant that follow each other. What infinitely many leave over is then stopped at once."""
+"""Largest number of impacts in a sequence at one instant. The rates that are left after them are stopped at once."""
 
 IMPACT_NOISE = 1e-13
 """A gap rate after an impact is round-off below this part of the speed of the impact."""
 
 UNCOUPLED = 1e-12
-"""Part of the largest response below which one contact does not move another."""
+"""Two contacts are uncoupled if the response of one to the other is below this fraction of the largest response."""
 
 SMALLEST_GAP = 64 * 2.0**-52
 """A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""
@@ -57,7 +57,7 @@ class Behind:
 
 
 class Transitions:
-    """Finds the state and the mode behind the end of a mode."""
+    """Computes the state and the mode after the end of a mode."""
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
@@ -209,7 +209,7 @@ class Transitions:
         return impulses
 
     def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
-        """Return the only solution. Raises `Undetermined` if there is none, or several."""
+        """Return the only solution of a list. Raises `Undetermined` if there is none, or several."""
         if len(found) == 1:
             return found[0]
         raise undetermined(self.kinematics, touch, y, chosen, len(found), what)
@@ -293,7 +293,7 @@ class Transitions:
         return rows
 
     def _entered(self, y: FloatArray, touch: Touch, mode: Mode, begins: dict[int, float]) -> FloatArray:
-        """Return a state whose velocities are those of a mode.
+        """Return a state whose velocities satisfy the constraints of a mode.
 
         Velocities of round-off become zero by the least change that the kinetic energy measures. Rows of `begins`, a
         slip or a gap that begins to grow, get the given rates: round-off in their accelerations could end them again.
