@@ -270,7 +270,10 @@ class FlowEngine:
 
 
 def flow_engine(alone: RunEngine) -> FlowEngine | None:
-    """Return the engine that runs members by a flow, or None if more than the last states is kept."""
-    if {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
+    """Return the engine that runs members by a flow, or None if more than the last states is kept.
+
+    A flow has no events, which may end a run, or set its state and parameters.
+    """
+    if alone.options.events is not None or {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
         return None
     return FlowEngine(alone, Flow(alone.model, alone.options))

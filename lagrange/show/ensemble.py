@@ -445,6 +445,8 @@ def ensemble(
         max_steps=options.step_limit,
         events=declare_events(events, model.statement),
     )
+    # An iterator of events has been read once.
+    options = replace(options, events=problem.events or None)
     job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
     return _run(job, table, threads, executor, store, began=began, progress=wanted_progress(progress))
 

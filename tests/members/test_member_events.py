@@ -265,3 +265,34 @@ def test_resets_and_implicit_methods_are_runs_one_after_the_other() -> None:
         assert "one after" in runs.form
     runs = lg.ensemble(ball(), 1.0, {"y_dot": [1.0, 2.0]}, events=[y], method="gauss2", step=0.05, keep=("events",))
     assert "one after" in runs.form and np.allclose(runs.t_events[0][:, 0], [0.558257569, 0.689897949], atol=1e-8)
+
+
+K = lg.parameters("k")
+
+CHANGES: dict[str, dict[str, Any]] = {
+    "parameter": {"reset": {K: 4 * K}},
+    "velocity": {"reset": {"x_dot": -lg.coordinate("x").dot}},
+    "end": {"terminal": True},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("method", ["taylor", "radau5"])
+@pytest.mark.parametrize("listed", [list, iter])
+def test_last_states_alone_are_those_after_events(change: str, method: str, listed: Any) -> None:
+    """Members whose last states alone are kept run by a flow, which has no events."""
+    x = lg.coordinate("x")
+    spring = lg.System(kinetic=x.dot**2 / 2, potential=K * x**2 / 2, parameters={K: 1.0})
+    event = lg.event(x, direction=-1, **CHANGES[change])
+    runs = lg.ensemble(spring, 4.0, {x: [1.0, 2.0]}, events=listed([event]), method=method)
+    alone = spring.run(4.0, {x: 2.0}, events=[event], method=method)
+    assert runs.y[:, 1] == pytest.approx(alone.y[:, -1], abs=1e-6)
+    assert alone.y[:, -1] != pytest.approx(spring.run(4.0, {x: 2.0}, method=method).y[:, -1], abs=0.1)
+
+
+def test_last_states_alone_are_those_after_events_of_constrained_members() -> None:
+    x, y = lg.coordinates("x y")
+    rod = lg.System((x.dot**2 + y.dot**2) / 2, 9.81 * y, coordinates=[x, y], constraints=[x**2 + y**2 - 1])
+    event = lg.event(x, terminal=True)
+    runs = lg.ensemble(rod, 2.0, {x: [1.0, 0.8], y: [0.0, -0.6]}, events=iter([event]))
+    assert runs.y[0] == pytest.approx(0.0, abs=1e-9)
