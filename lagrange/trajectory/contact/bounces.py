@@ -108,7 +108,10 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
 
 
 class Bounces:
-    """Impacts since the last that was at least as strong, to recognise an accumulation of infinitely many."""
+    """Impacts since the last that was at least as strong, to recognise an accumulation of infinitely many.
+
+    `times` and `speeds` (k,) are those of all these impacts. `contacts` are the contacts of each of the last.
+    """
 
     def __init__(self) -> None:
         self.clear()
@@ -119,12 +122,15 @@ class Bounces:
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Record impacts (k,). A flight that is not shorter than the one before begins a new series."""
+        """Record impacts (k,), and the `contacts` of the last ones.
+
+        A flight that is not shorter than the one before begins a new series.
+        """
         whole = np.append(self.times, times)
         again = np.flatnonzero(np.diff(whole, 2) >= 0)
         first = int(again[-1]) + 1 if len(again) else 0
         self.times, self.speeds = whole[first:], np.append(self.speeds, speeds)[first:]
-        self.contacts = [*self.contacts, *contacts][first:]
+        self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
 
     def most(self, restitutions: Sequence[float | None]) -> int:
         """Return how many impacts a compiled loop may take before the run tests for an accumulation.

@@ -281,8 +281,7 @@ class _ContactRun:
                     self.kinematics.restitution(i, speed)
             frictionless = np.zeros((int(mine.sum()), len(self.contacts[i].slip)))
             self.impacts[i].append(np.column_stack([times[mine], impulses[mine], lost[mine], frictionless]))
-        single = [frozenset([i]) for i in range(len(self.contacts))]
-        self.bounces.add(times, speeds, [single[i] for i in which.tolist()])
+        self.bounces.add(times, speeds, [frozenset([i]) for i in which[-FEWEST_FLIGHTS:].tolist()])
         return True
 
     def _fired(self) -> list[tuple[int, str]]:
@@ -339,7 +338,7 @@ class _ContactRun:
             contacts = frozenset(i for i, _ in behind.impacts)
             self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [contacts])
         accumulated = bool(behind.impacts) and self.bounces.end is not None
-        plastic = frozenset().union(*self.bounces.contacts[-FEWEST_FLIGHTS:]) if accumulated else frozenset()
+        plastic = frozenset().union(*self.bounces.contacts) if accumulated else frozenset()
         while behind.unseen - plastic or (accumulated and not plastic & set(behind.mode.closed)):
             plastic |= behind.unseen
             behind = self.transitions.behind(t, y, mode, **ends, plastic=plastic)
