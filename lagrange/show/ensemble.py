@@ -426,7 +426,7 @@ def ensemble(
     """
     began = time.perf_counter()
     model = compiled(system, "double-pendulum", progress=wanted_progress(progress))
-    t0, t1 = span_or_end(span)
+    (t0, t1), events = span_or_end(span), declare_events(events, model.statement) or None
     threads = threads_of(workers)
     if workers is not None and executor is not None:
         raise StatementError("workers and executor are both given: the executor has workers of its own. Give one.")
@@ -443,10 +443,8 @@ def ensemble(
         atol=atol,
         step=step,
         max_steps=options.step_limit,
-        events=declare_events(events, model.statement),
+        events=events or (),
     )
-    # An iterator of events has been read once.
-    options = replace(options, events=problem.events or None)
     job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
     return _run(job, table, threads, executor, store, began=began, progress=wanted_progress(progress))
 
