@@ -12,7 +12,7 @@ from lagrange.machine.model import Model
 from lagrange.page.animation import animate
 from lagrange.page.computed_motion import METHOD, NoPage
 from lagrange.page.player import in_frame
-from lagrange.page.sliders import PARAMETER, Slider, asked_bounds, places
+from lagrange.page.sliders import PARAMETER, RATE, STATE, Slider, asked_bounds, places, rates_at
 from lagrange.page.web_page import page_of
 from lagrange.show.figures.style import style_of
 from lagrange.show.notation.symbols import plain_text
@@ -48,9 +48,10 @@ def explored_sliders(statement: Statement, ranges: Any, named: Mapping[str, Any]
     if len(bounds) > MOST_SLIDERS:
         raise StatementError(f"{len(bounds)} sliders were asked for, and there is room for {MOST_SLIDERS}.")
     sliders = []
+    starts = {STATE: statement.initial, RATE: rates_at(statement, statement.initial)}
     for name, (low, high) in bounds.items():
         kind, place = known[name]
-        value = statement.initial[place] if kind != PARAMETER else statement.defaults.get(statement.parameters[place])
+        value = statement.defaults.get(statement.parameters[place]) if kind == PARAMETER else starts[kind][place]
         start = (low + high) / 2 if value is None else min(max(value, low), high)
         sliders.append(Slider(name, kind, place, start, low, high, unit_of(statement, name), chosen=True))
     return sliders

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,14 +13,17 @@ from lagrange.dynamics.axes import TURN, angles
 from lagrange.errors import RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.show.units import unit_of
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import label_of
+from lagrange.statement.rotation import rotation_of
+from lagrange.statement.space import body_rates
 from lagrange.statement.statement import Statement
 
-PARAMETER, STATE = "parameter", "state"
-"""Kinds of sliders: for a parameter, or for an entry of the initial state."""
+PARAMETER, STATE, RATE = "parameter", "state", "rate"
+"""Kinds of sliders: for a parameter, an entry of the initial state, or an initial rate about an axis of a body."""
 
 EXAMPLE = (0.5, 2.0)
 """Example of bounds in an error message."""
@@ -28,7 +31,9 @@ EXAMPLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Slider:
-    """A value that a slider changes, with its bounds. `place` is its index in the parameters or in the initial state.
+    """A value that a slider changes, with its bounds.
+
+    `place` is its index in the parameters, in the initial state, or among the rates of all bodies, three of each.
 
     `chosen` is true if the user chose it by name; `angle` is true if the value is in radians.
     """
@@ -45,9 +50,28 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return all values that may have a slider, by name, as (kind, index): parameters and entries of the state."""
+    """Return all values that may have a slider, by name, as (kind, index): parameters, rates, entries of the state."""
     parameters = {p.name: (PARAMETER, place) for place, p in enumerate(statement.parameters)}
-    return parameters | {name: (STATE, place) for place, name in enumerate(statement.state_names)}
+    rates = {name_of(rate): (RATE, place) for place, rate in enumerate(_rates_of(statement))}
+    return parameters | rates | {name: (STATE, place) for place, name in enumerate(statement.state_names)}
+
+
+def _rates_of(statement: Statement) -> list[Any]:
+    """Return the rates about the axes of all bodies, three of each."""
+    return [rate for name in statement.rotations for rate in rotation_of(name).body]
+
+
+def quaternion_rows(statement: Statement) -> list[list[int]]:
+    """Return the rows of the quaternion of each body in a state."""
+    return [[statement.coordinates.index(q) for q in rotation_of(name).quaternion] for name in statement.rotations]
+
+
+def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
+    """Return the rates about the axes of all bodies at a state (2n,)."""
+    n, found = len(statement.coordinates), list[float]()
+    for rows in quaternion_rows(statement):
+        found += body_rates([state[row] for row in rows], [state[n + row] for row in rows])
+    return found
 
 
 def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
@@ -79,7 +103,8 @@ def _names(statement: Statement) -> dict[Any, str]:
     """Return the names of all values that may have a slider. The keys are both their symbols and their names."""
     states = statement.state_names
     rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
-    return {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rows}
+    rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}
+    return {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rates, **rows}
 
 
 def _bounds(name: str, pair: Any) -> tuple[float, float]:
@@ -117,13 +142,20 @@ def sliders(
 ) -> tuple[Slider, ...]:
     """Return a slider for each parameter and each entry of the initial state, those in `asked` first.
 
+    Rates about the axes of bodies are in place of the entries of their quaternions, unless these are asked for.
     `asked` maps symbols or names to bounds (low, high). Raises StatementError for unknown names, and for bounds that do
     not contain the present value.
     """
     statement = model.statement
     bounds = asked_bounds(statement, asked)
-    every = [*_parameters(statement, parameters), *_states(model, parameters, initial)]
-    found = {one.name: one for one in every}
+    every = [
+        *_parameters(statement, parameters),
+        *_states(model, parameters, initial),
+        *_body_rates(statement, initial),
+    ]
+    n = len(statement.names)
+    inner = {row + shift for rows in quaternion_rows(statement) for row in rows for shift in (0, n)}
+    found = {one.name: one for one in every if one.name in bounds or one.kind != STATE or one.place not in inner}
     for name, (low, high) in bounds.items():
         one = found[name]
         if not low <= one.value <= high:
@@ -133,6 +165,13 @@ def sliders(
             )
         found[name] = replace(one, low=low, high=high, chosen=True)
     return (*(found[name] for name in bounds), *(one for one in found.values() if not one.chosen))
+
+
+def _body_rates(statement: Statement, initial: tuple[float, ...]) -> Iterator[Slider]:
+    values = rates_at(statement, initial)
+    most = nice(2 * max(map(abs, values), default=0.0) or 1.0)
+    for place, (rate, value) in enumerate(zip(_rates_of(statement), values, strict=True)):
+        yield Slider(name_of(rate), RATE, place, value, -most, most, "", chosen=False)
 
 
 def _parameters(statement: Statement, values: tuple[float, ...]) -> Iterator[Slider]:

@@ -29,7 +29,7 @@ from lagrange.page.document import (
 )
 from lagrange.page.formulas import FoldedFormulas, formulas, note, slider_groups
 from lagrange.page.script_data import ENERGIES, description, rate_of
-from lagrange.page.sliders import sliders
+from lagrange.page.sliders import quaternion_rows, sliders
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.declare import initial_state
@@ -77,6 +77,7 @@ def page_of(
         "parameters": list(motion.parameters),
         "initial": start.tolist(),
         "sliders": [{key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in found],
+        "quaternions": quaternion_rows(statement),
         "tolerance": TOLERANCE,
         "most_steps": PAGE_STEPS,
         "t_end": end,

@@ -14,10 +14,12 @@ from sympy import Abs, sqrt
 
 import lagrange as lg
 from lagrange.page.computed_motion import TOLERANCE
+from lagrange.page.sliders import rates_at
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.paths import Box
 from tests.models import loaded, shared_scene
 from tests.page.browser import Browser, Tab, program
+from tests.page.test_page import data
 from tests.systems import pendulum
 
 pytestmark = pytest.mark.skipif(program() is None, reason="there is no Chromium on this machine")
@@ -80,8 +82,31 @@ def slide(tab: Tab, place: int) -> float:
     return moved
 
 
+TURNING = [name for name in lg.scenes() if loaded(name).rotations]
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("scene", TURNING)
+def test_a_scene_with_rotations_follows_the_sliders_of_its_rates(scene: str, browser: Browser, tmp_path: Path) -> None:
+    """Their values are the rates of the start, about the axes of the body; constraints may move others."""
+    system = shared_scene(scene)
+    page = system.to_page(tmp_path / "page.html")
+    kinds = [slider["kind"] for slider in data(page)["sliders"]]
+    assert kinds.count("rate") == 3 * len(system.statement.rotations)
+    with browser.open(page) as tab:
+        tab.click("#play")
+        assert moves_as_ours(tab, system, [0.0, 0.1])
+        moved = slide(tab, kinds.index("rate") + 2)
+        assert tab.text("#said") == ""
+        initial = tab.value("lagrange.values().initial")
+        assert np.linalg.norm(initial[system.statement.names.index("R_w") :][:4]) == pytest.approx(1, abs=1e-12)
+        if not system.statement.constraints:
+            assert rates_at(system.statement, initial)[2] == pytest.approx(moved, rel=1e-12)
+        assert moves_as_ours(tab, system, [0.0, 0.1])
+
+
 SHOWN = [name for name in lg.scenes() if not loaded(name).contacts and not loaded(name).rotations]
-"""A page has no contacts, and a slider moves one entry of a start, which leaves no unit quaternion."""
+"""A page has no contacts. Those with rotations have sliders of rates, see below."""
 
 
 @pytest.mark.few(1)

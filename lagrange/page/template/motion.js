@@ -313,6 +313,17 @@ class Motion {
         this.begin(start, `${this.data.states[place].letter} = ${shown(value)}`);
     }
 
+    /** Set a rate about an axis of a body at the start. */
+    setRate(place, value) {
+        const { quaternions } = this.data;
+        const before = bodyRates(this.initial, quaternions)[place];
+        const start = this.followed((y, share) => {
+            turnWith(y, quaternions, place, part(before, value, share));
+            return this.onto(y) ? y : null;
+        });
+        this.begin(start, "this rate");
+    }
+
     /** Begin from a new start, or keep the present one and report that none is nearby. */
     begin(start, what) {
         this.initial.set(start || this.initial);

@@ -3,6 +3,30 @@
 /** Number of positions of a slider: its value is rounded to a digit finer than one of them. */
 const STEPS = 500;
 
+/** Return the rates about the axes of bodies at a state, three of each: the vector of 2 q* dq/dt / |q|^2. */
+function bodyRates(y, quaternions) {
+    const half = y.length / 2;
+    return quaternions.flatMap((rows) => {
+        const [w, i, j, k] = rows.map((row) => y[row]);
+        const [a, b, c, d] = rows.map((row) => y[half + row]);
+        const twice = 2 / (w * w + i * i + j * j + k * k);
+        const turned = [w * b - i * a - j * d + k * c, w * c - j * a - k * b + i * d, w * d - k * a - i * c + j * b];
+        return turned.map((rate) => twice * rate);
+    });
+}
+
+/** Set one of these rates in a state: the derivative of the quaternion is q (0, rates)/2. */
+function turnWith(y, quaternions, place, value) {
+    const rows = quaternions[Math.floor(place / 3)];
+    const rates = bodyRates(y, [rows]);
+    rates[place % 3] = value;
+    const [[a, b, c], [w, i, j, k]] = [rates, rows.map((row) => y[row])];
+    const twice = [-i * a - j * b - k * c, w * a + j * c - k * b, w * b + k * a - i * c, w * c + i * b - j * a];
+    rows.forEach((row, at) => {
+        y[y.length / 2 + row] = twice[at] / 2;
+    });
+}
+
 class Sliders {
     constructor(motion, changed) {
         this.motion = motion;
@@ -39,6 +63,8 @@ class Sliders {
     set(row, value) {
         if (row.kind === "parameter") {
             this.motion.setParameter(row.place, value);
+        } else if (row.kind === "rate") {
+            this.motion.setRate(row.place, value);
         } else {
             this.motion.setInitial(row.place, value);
         }
@@ -48,8 +74,10 @@ class Sliders {
 
     /** Show the present values: constraints may have changed other values than the one that was set. */
     read() {
+        const { parameters, initial } = this.motion;
+        const values = { parameter: parameters, state: initial, rate: bodyRates(initial, this.motion.data.quaternions) };
         for (const row of this.rows) {
-            const value = (row.kind === "parameter" ? this.motion.parameters : this.motion.initial)[row.place];
+            const value = values[row.kind][row.place];
             row.range.min = String(Math.min(Number(row.range.min), value));
             row.range.max = String(Math.max(Number(row.range.max), value));
             row.range.value = String(value);
