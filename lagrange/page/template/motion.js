@@ -315,10 +315,9 @@ class Motion {
 
     /** Set a rate about an axis of a body at the start. */
     setRate(place, value) {
-        const { quaternions } = this.data;
-        const before = bodyRates(this.initial, quaternions)[place];
+        const before = bodyRates(this.initial, this.data.quaternions)[place];
         const start = this.followed((y, share) => {
-            turnWith(y, quaternions, place, part(before, value, share));
+            turnWith(y, this.data.quaternions, place, part(before, value, share));
             return this.onto(y) ? y : null;
         });
         this.begin(start, "this rate");
@@ -390,18 +389,4 @@ class Motion {
         }
         return found[STATE] <= ON_CONSTRAINTS;
     }
-}
-
-/** Start the page with the functions of the exported module. */
-function startPage(model) {
-    const data = JSON.parse(document.getElementById("data").textContent);
-    const player = new Player(new Motion(model, data), data);
-    player.sliders = new Sliders(player.motion, () => player.changed());
-    window.lagrange = Object.freeze({
-        trajectory: (times) => player.motion.trajectory(Array.from(times)),
-        state: () => ({ t: player.motion.t[0], y: Array.from(player.motion.y) }),
-        values: () => ({ parameters: Array.from(player.motion.parameters), initial: Array.from(player.motion.initial) }),
-        limits: () => [Array.from(player.motion.low), Array.from(player.motion.high)],
-        frames: () => player.frames,
-    });
 }

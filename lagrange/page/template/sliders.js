@@ -1,4 +1,4 @@
-// Sliders: each has a number field beside it.
+// Sliders, each with a number field beside it, and the start of a page that has them.
 
 /** Number of positions of a slider: its value is rounded to a digit finer than one of them. */
 const STEPS = 500;
@@ -100,4 +100,18 @@ class Sliders {
         this.read();
         this.changed();
     }
+}
+
+/** Start the page with the functions of the exported module. */
+function startPage(model) {
+    const data = JSON.parse(document.getElementById("data").textContent);
+    const player = new Player(new Motion(model, data), data);
+    player.sliders = new Sliders(player.motion, () => player.changed());
+    window.lagrange = Object.freeze({
+        trajectory: (times) => player.motion.trajectory(Array.from(times)),
+        state: () => ({ t: player.motion.t[0], y: Array.from(player.motion.y) }),
+        values: () => ({ parameters: Array.from(player.motion.parameters), initial: Array.from(player.motion.initial) }),
+        limits: () => [Array.from(player.motion.low), Array.from(player.motion.high)],
+        frames: () => player.frames,
+    });
 }
