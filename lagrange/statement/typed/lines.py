@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
 
-_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*", re.MULTILINE)
+_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*|^\s*\*\*[^*=\n]+\*\*:?\s*$", re.MULTILINE)
+_CODE = re.compile(r"(?<![\w)\]}'`])`([^`\n]+)`(?!`)")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"
@@ -44,7 +45,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     a label, and if it is back at the indentation of an equation whose further lines are indented. Raises
     StatementError for a matrix that is not read.
     """
-    blanked = with_marks(_blank(_COMMENT, text))
+    blanked = with_marks(_CODE.sub(r" \1 ", _blank(_COMMENT, text)))
     if _MATRIX.search(blanked):
         raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
     blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))

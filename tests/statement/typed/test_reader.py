@@ -136,6 +136,7 @@ LINES = {
     "x: m x'' = 0;\neq1: M theta'' = 0.": ["m*x_ddot = 0", "M*theta_ddot = 0"],
     "x'' = 0, theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
     "# mine\nx'' = 0  # because": ["x_ddot = 0"],
+    "**Answer**\n\n1. `x'' = 0`\n2. so `theta'' = 0`": ["x_ddot = 0", "theta_ddot = 0"],
     "1: x'' + k x = 0\n2: -m theta''\n   = M": ["x_ddot + k*x = 0", "-m*theta_ddot = M"],
     "x: x'' = 0,   theta: theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
     "x'' = 0   (3)": ["x_ddot = 0"],
