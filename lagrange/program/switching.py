@@ -44,11 +44,11 @@ class Switched:
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
     """Replace every switch that moves by its side; switches of parameters alone stay.
 
-    The smooth `events` follow the outputs. An atan2 in events alone gets no surface: its jump is not a zero, and no
-    step needs to end at it.
+    The smooth `events` follow the outputs. Steps end at jumps of an atan2 in events too: its series is smooth through
+    the jump, and would hide zeros behind it.
     """
     outputs = (*outputs, *events)
-    switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs, len(outputs) - len(events)))
+    switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs))
     table: dict[Node, Node] = {}
     switches.smooth(outputs, table)
     conditions = [switches.condition(i) for i in range(len(switches.sides))]
@@ -131,13 +131,13 @@ class _Switches:
         return graph.piecewise([(graph.call("less_equal", side, graph.zero), first)], second)
 
 
-def _with_sides(outputs: Sequence[Node], count: int) -> Mapping[Node, None]:
-    """Return the nodes that must not jump within a step: those of the first outputs and of every switch.
+def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
+    """Return the nodes that must not jump within a step: those of the outputs and of every switch.
 
     The angle in sin(3*atan2(y, x)) may jump by 2 pi, if it is used nowhere else.
     """
     found: dict[Node, None] = {}
-    waiting = [*outputs[:count]]
+    waiting = [*outputs]
     waiting += [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
     while waiting:
         node = waiting.pop()

@@ -11,6 +11,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+import lagrange as lg
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import parameters
 from lagrange.trajectory.trajectory import Status
@@ -162,3 +163,14 @@ def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> Non
         assert model.series()[0].program.sides == 0
         ends.append(go(model, 10.0, initial=circle, rtol=1e-12).y[:, -1])
     assert ends[0] == pytest.approx(ends[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("period", [2.0, 2.1])
+def test_zeros_behind_a_jump_of_an_event_are_on_its_step_too(period: float) -> None:
+    """Steps of some 2 contain a jump of Mod(t, period) and then a zero."""
+    u = lg.coordinate("u")
+    swing = lg.System(u.dot**2 / 2, u**2 / 2, initial={u: 1.0})
+    run = swing.run(8.5, events=[sp.Mod(lg.t, period) - 1])
+    expected = np.arange(1.0, 8.5, period)
+    # Steps end there, and times of zeros have 14 digits.
+    assert run.t_events[0] == pytest.approx(expected, abs=1e-9)

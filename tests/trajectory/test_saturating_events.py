@@ -43,7 +43,7 @@ def test_one_step_over_a_flat_event_is_cut(end: float) -> None:
 
 
 def test_what_jumps_is_not_what_saturates() -> None:
-    """A kink of an arc sine cuts the step as well; at a cut of atan2 the sign changes, and no step is shortened."""
+    """A kink of an arc sine cuts the step as well. Steps end at a cut of atan2, and none is tried again there."""
     arc = asin(sin(3 * x)) - Rational(1, 2)
     times = [OSCILLATOR.run(20, events=[arc], method=method).require().t_events[0] for method in ("taylor", "dop853")]
     assert len(times[0]) == 13 and times[0] == pytest.approx(times[1], abs=1e-5)
