@@ -96,7 +96,7 @@ def _names(contents: Any, events: Sequence[Event]) -> list[str]:
     if contents is None:
         return [*DEFAULT, *(["events"] if events else [])]
     listed = None if isinstance(contents, str) else entries(contents, "contents")
-    if not listed or not all(isinstance(one, str) for one in listed):
+    if not listed or not all(isinstance(entry, str) for entry in listed):
         raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
     return [*dict.fromkeys(listed)]
 
@@ -216,7 +216,7 @@ def module_of(
     def evaluated(program: Program, prepared: PreparedLayout, name: str, about: str) -> Procedure:
         return kernel(program, prepared, name, about, names=names.of(program))
 
-    procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in every.items()}
+    procedures = {name: evaluated(item, prepared, name, ABOUT[name]) for name, item in every.items()}
     if alone:
         divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
@@ -231,11 +231,11 @@ def module_of(
     if asked.taylor:
         series = _taylor(model, prepared.size, procedures.get("projection"))
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
-        own = prune(series.taylor())
-        integrators = (*integrators, ExportedIntegrator(TAYLOR, own.about, own, adaptive=True))
+        taylor = prune(series.taylor())
+        integrators = (*integrators, ExportedIntegrator(TAYLOR, taylor.about, taylor, adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
-    quantities = tuple(_quantity(model, name, one, prune(procedures[name])) for name, one in programs.items())
+    quantities = tuple(_quantity(model, name, item, prune(procedures[name])) for name, item in programs.items())
     return SourceModule(
         name=ascii_name(statement.name).lower(),
         statement=_text(model, events),
@@ -250,10 +250,10 @@ def module_of(
         quantities=quantities,
         integrators=integrators,
         checks=tuple(
-            check_of(one.name, one.program, in_python(one.procedure, p, len(one.results)), statement, values)
-            for one in quantities
+            check_of(item.name, item.program, in_python(item.procedure, p, len(item.results)), statement, values)
+            for item in quantities
         ),
-        step_checks=tuple(step_check(one, p, statement) for one in integrators),
+        step_checks=tuple(step_check(item, p, statement) for item in integrators),
         run=_run(model, np.array(values)) if asked.main else None,
         divisors=alone,
     )
@@ -310,16 +310,18 @@ def _integrator(
 
     It calls the law of the step among the `procedures`, and the projection if they contain one.
     """
-    own, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
-    laws = {"law": law, "jacobian": law, **{one: procedures[one] for one in ("projection",) if one in procedures}}
+    identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
+    laws = {"law": law, "jacobian": law}
+    if "projection" in procedures:
+        laws["projection"] = procedures["projection"]
     layout, control = Layout(step, dimension, block=1, projected="projection" in laws), step.control
     if control is None:
         form = one_step.form(layout=layout, relations=relations)
     else:
         form = adaptive_run.form(layout=layout, control=control, relations=relations)
     about = f"{form.about} The method is {step.name}."
-    made = replace(bound(form, laws, prefix=f"{own}_"), name=own, about=about)
-    return ExportedIntegrator(own, about, prune(made), control is not None)
+    procedure = replace(bound(form, laws, prefix=f"{identifier}_"), name=identifier, about=about)
+    return ExportedIntegrator(identifier, about, prune(procedure), control is not None)
 
 
 def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
@@ -363,8 +365,8 @@ def _unit(name: str, model: Model) -> str:
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
     """Return the names of the entries that a quantity returns."""
     names = model.statement.names
-    rates = [*(f"{one}_dot" for one in names), *(f"{one}_ddot" for one in names)]
-    state = [*names, *(f"{one}_dot" for one in names)]
+    rates = [*(f"{each}_dot" for each in names), *(f"{each}_ddot" for each in names)]
+    state = [*names, *(f"{each}_dot" for each in names)]
     match name:
         case "rhs":
             return tuple(rates)
@@ -375,16 +377,16 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
         case "mass_matrix":
             return tuple(f"M[{a},{b}]" for a in names for b in names)
         case "momenta":
-            return tuple(f"p_{one}" for one in names)
+            return tuple(f"p_{each}" for each in names)
         case "multipliers":
-            return tuple(f"lambda_{one}" for one in model.equations.stated.names)
+            return tuple(f"lambda_{each}" for each in model.equations.stated.names)
         case "energy":
             return ("energy",)
         case "energies":
             return ("kinetic", "potential")
         case "positions":
             points = model.statement.drawn.items()
-            return tuple(f"{one}_{axis}" for one, entries in points for axis in "xyz"[: len(entries)])
+            return tuple(f"{each}_{axis}" for each, entries in points for axis in "xyz"[: len(entries)])
         case _:
             return tuple(f"event{k}" for k in range(len(program.outputs)))
 
@@ -406,7 +408,7 @@ def divisors(model: Model) -> Program | None:
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
-    entries = tuple(dict.fromkeys(one for one in alone if one.kind is not node.Kind.CONSTANT or not one.data))
+    entries = tuple(dict.fromkeys(entry for entry in alone if entry.kind is not node.Kind.CONSTANT or not entry.data))
     return model.function("divisors", entries).program if entries else None
 
 
@@ -422,7 +424,7 @@ def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
 
 def results_of(quantity: Procedure) -> int:
     """Return the number of entries that a quantity returns."""
-    (size,) = (one.type.size for one in quantity.parameters if one.name == "out" and isinstance(one.type, Array))
+    (size,) = (p.type.size for p in quantity.parameters if p.name == "out" and isinstance(p.type, Array))
     assert size is not None
     return size
 
@@ -433,19 +435,19 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
     Formulas are simplified, so they need not compute the divisors; `entries` computes them.
     """
     p = Builder(quantity.name, quantity.about)
-    t, y, held, out = (
-        p.given(one.name, one.type) for one in quantity.parameters if isinstance(one.type, (Kind, Array))
+    t, y, numbers, out = (
+        p.given(each.name, each.type) for each in quantity.parameters if isinstance(each.type, (Kind, Array))
     )
     formulas = replace(quantity, name=f"{quantity.name}_formulas")
-    singular = p.variable(p.call(formulas, t, y, held, out), "singular")
+    singular = p.variable(p.call(formulas, t, y, numbers, out), "singular")
     zero_or_nan = p.variable(p.constant(0.0, REAL), "zero_or_nan")
     with p.loop(0, results_of(quantity)) as k:
         zero_or_nan.value = zero_or_nan.value + 0.0 * out[k]
     with p.when(~zero_or_nan.value.equals(0.0), likely=False):
         count = results_of(entries)
-        found = p.reserve(count, name="divisors")
-        p.call(entries, t, y, held, found)
+        values = p.reserve(count, name="divisors")
+        p.call(entries, t, y, numbers, values)
         with p.loop(0, count) as k:
-            singular.value = singular.value | found[k].equals(0.0)
+            singular.value = singular.value | values[k].equals(0.0)
     p.leave(singular.value)
     return p.finish(FLAG)

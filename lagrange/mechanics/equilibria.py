@@ -59,9 +59,9 @@ class Equilibrium(ShownAsPage):
 
     def __repr__(self) -> str:
         word = {True: "stable", False: "unstable", None: "stability undecided"}[self.stable]
-        place = ", ".join(f"{q} = {x}" for q, x in {**self.coordinates, **self.velocities}.items())
+        point = ", ".join(f"{q} = {x}" for q, x in {**self.coordinates, **self.velocities}.items())
         where = "" if self.condition == sympy.true else f", where {self.condition}"
-        return f"<Equilibrium: {place}; {word}{where}>"
+        return f"<Equilibrium: {point}; {word}{where}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}

@@ -25,19 +25,19 @@ _COMPARED = sympy.core.relational.Relational
 
 def edges(given: Any) -> Sequence[Any]:
     """Return expressions that are zero at the corners and jumps of an expression; `given` is from `PlainForm.read`."""
-    found = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
+    zeros = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(given.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:
-            found += [one.lhs - one.rhs for one in sorted(when.atoms(_COMPARED), key=str)]
-    return list(dict.fromkeys(found))
+            zeros += [comparison.lhs - comparison.rhs for comparison in sorted(when.atoms(_COMPARED), key=str)]
+    return list(dict.fromkeys(zeros))
 
 
 def on_side(given: Any, edge: Any, sign: int) -> Any:
     """Return the formula of an expression on one side of a corner: where `edge` has the sign 1 or -1."""
     table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
-    for one in sorted(given.atoms(_COMPARED), key=str):
-        if one.lhs - one.rhs == edge:
-            table[one] = _compared(one, sign)
+    for comparison in sorted(given.atoms(_COMPARED), key=str):
+        if comparison.lhs - comparison.rhs == edge:
+            table[comparison] = _compared(comparison, sign)
     return given.xreplace(table)
 
 
@@ -223,16 +223,16 @@ def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
     """Return the parameters that are inputs."""
     by_name = {p.name: p for p in statement.parameters}
     listed: Sequence[Any] | None = entries(given, "inputs") if not isinstance(given, str) else [given]
-    found = []
-    for one in [given] if listed is None else listed:
-        label = one if isinstance(one, str) else one.name if isinstance(one, sympy.Symbol) else shown(one)
+    symbols = []
+    for name in [given] if listed is None else listed:
+        label = name if isinstance(name, str) else name.name if isinstance(name, sympy.Symbol) else shown(name)
         if label not in by_name:
             raise StatementError(
                 f"inputs contains {label[:80]!r}, which is not a parameter of this system; its parameters are "
                 f"{listing(by_name)}. State the force with a parameter, such as forces={{x: u}}."
             )
-        found.append(by_name[label])
-    return tuple(found)
+        symbols.append(by_name[label])
+    return tuple(symbols)
 
 
 def _constant(statement: Statement, given: Any, what: str) -> Any:
@@ -277,7 +277,7 @@ class _StatementExpansion:
                 (stated.potential, "the potential energy"),
                 (stated.lagrangian, "the Lagrangian"),
                 (stated.dissipation, "the dissipation"),
-                *((one.expression, f"the constraint {one.name!r}") for one in stated.constraints),
+                *((constraint.expression, f"the constraint {constraint.name!r}") for constraint in stated.constraints),
             )
         }
         self.check_inertia(table[stated.lagrangian])
@@ -285,19 +285,19 @@ class _StatementExpansion:
             q: self.expanded(force, f"the force on {name}", self.order - 1)
             for q, name, force in zip(stated.coordinates, stated.names, stated.forces, strict=True)
         }
-        made = rewritten(stated, lambda given: table.get(given, given), forces=forces)
+        expansion = rewritten(stated, lambda given: table.get(given, given), forces=forces)
         about = " ".join(part for part in (stated.about, self.note) if part)
-        return replace(made, positions=stated.positions, about=about)
+        return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
         """Return a stated expression as a polynomial of that degree in the changes."""
-        given = self.form.read(stated)
-        self.check_smooth(given, what)
+        plain = self.form.read(stated)
+        self.check_smooth(plain, what)
         moved = {
             symbol: value + _SIZE * change
             for symbol, value, change in zip(self.symbols, self.values, self.changes, strict=True)
         }
-        along = given.xreplace({**self.point.table, **moved})
+        along = plain.xreplace({**self.point.table, **moved})
         total = sympy.S.Zero
         for power in range(order + 1):
             term = along.xreplace({_SIZE: sympy.S.Zero}) / sympy.factorial(power)
@@ -312,12 +312,12 @@ class _StatementExpansion:
 
     def collected(self, term: Any) -> Any:
         """Return a polynomial in the changes in coordinates and velocities, its coefficients in their shortest form."""
-        found = sympy.Poly(sympy.expand(term), *self.changes)
+        polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(
             *(
                 simplest(factor) * sympy.Mul(*(x**k for x, k in zip(differences, powers, strict=True)))
-                for powers, factor in found.terms()
+                for powers, factor in polynomial.terms()
             )
         )
 
@@ -333,12 +333,12 @@ class _StatementExpansion:
 
     def check_constraints(self) -> None:
         """Refuse a point that is not on the constraints."""
-        for one in self.form.statement.constraints:
-            here = simplest(self.form.read(one.expression).xreplace(self.point.table))
+        for constraint in self.form.statement.constraints:
+            here = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
             if not self.point.is_zero(here, ()):
                 raise StatementError(
-                    f"the point is not on the constraint {one.name!r}, which is {formula(printable(here), 80)} there "
-                    "and not zero: give values of all coordinates in it."
+                    f"the point is not on the constraint {constraint.name!r}, which is {formula(printable(here), 80)} "
+                    "there and not zero: give values of all coordinates in it."
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:
@@ -383,12 +383,12 @@ class _StatementExpansion:
         rest = [simplest(r.xreplace(still)) for r in self.form.residuals]
         rows = [
             [
-                simplest(self.form.read(one.expression).diff(x).xreplace(self.point.table))
-                for x in (self.form.q if one.holonomic else self.form.v)
+                simplest(self.form.read(constraint.expression).diff(x).xreplace(self.point.table))
+                for x in (self.form.q if constraint.holonomic else self.form.v)
             ]
-            for one in self.form.statement.constraints
+            for constraint in self.form.statement.constraints
         ]
         if not rows:
             return all(self.point.is_zero(r, ()) for r in rest)
-        held = sympy.Matrix(rows).T
-        return bool(held.row_join(sympy.Matrix(rest)).rank(simplify=simplest) == held.rank(simplify=simplest))
+        gradients = sympy.Matrix(rows).T
+        return bool(gradients.row_join(sympy.Matrix(rest)).rank(simplify=simplest) == gradients.rank(simplify=simplest))

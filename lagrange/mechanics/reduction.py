@@ -43,7 +43,7 @@ def rewritten(
     velocity.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
-    left = {one.name for one in (statement.constraints if constraints is None else constraints)}
+    left = {c.name for c in (statement.constraints if constraints is None else constraints)}
     read = read_with(statement, chosen)
     if forces is None:
         forces = {key: put(force) for key, force in read.applied.items()}
@@ -54,12 +54,12 @@ def rewritten(
         initial = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     names = ["lagrangian"] if read.lagrangian_alone else ["kinetic", "potential"]
     energies = {name: put(getattr(read, name)) for name in names}
-    made = declare(
+    result = declare(
         **energies,
         coordinates=chosen,
         forces={q: force for q, force in forces.items() if force != 0},
         dissipation=put(read.dissipation),
-        constraints={one.name: put(one.expression) for one in read.constraints if one.name in left},
+        constraints={c.name: put(c.expression) for c in read.constraints if c.name in left},
         redundant=statement.redundant,
         parameters=parameters,
         initial=initial,
@@ -67,7 +67,7 @@ def rewritten(
         links=statement.links,
         name=statement.name,
     )
-    return with_origin(made, statement)
+    return with_origin(result, statement)
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
@@ -154,9 +154,9 @@ def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
     """
     if not wanted:
         raise StatementError("nothing is to be eliminated: name a coordinate that a constraint determines.")
-    for one in wanted:
-        for name, given in _requests(one, statement):
-            statement = _without(statement, name, given)
+    for request in wanted:
+        for name, value in _requests(request, statement):
+            statement = _without(statement, name, value)
     return statement
 
 
@@ -164,7 +164,7 @@ def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
     """Return (name of a coordinate, its expression or None) for each coordinate that a request names."""
     if isinstance(one, Mapping):
         return [(_named(key, statement), value) for key, value in one.items()]
-    constraints = {held.name: held for held in statement.constraints}
+    constraints = {constraint.name: constraint for constraint in statement.constraints}
     if isinstance(one, str) and one in constraints and one not in statement.names:
         return [(_coordinate_of(constraints[one], statement), None)]
     return [(_named(one, statement), None)]
@@ -220,11 +220,11 @@ def _without(statement: Statement, name: str, given: Any) -> Statement:
     """Return the statement without one coordinate."""
     if len(statement.coordinates) == 1:
         raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
-    held = [one for one in statement.constraints if _contains(one, name, statement)]
+    candidates = [c for c in statement.constraints if _contains(c, name, statement)]
     if given is None:
-        constraint, solved = _solved(held, name, statement)
+        constraint, solved = _solved(candidates, name, statement)
     else:
-        constraint, solved = _checked(held, name, given, statement)
+        constraint, solved = _checked(candidates, name, given, statement)
     _check_multiplier(constraint, name, statement)
     _check_initial(statement, name, solved)
     return _substituted(statement, name, constraint, solved)
@@ -253,13 +253,13 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     derived = {name: (statement.names.index(name), solved)}
     derived[f"{name}.dot"] = n + derived[name][0], _rate(solved, statement)
     for label, (row, known) in derived.items():
-        given, found = statement.initial[row], printable(known).xreplace(values).evalf()
-        if not given or not found.is_number:
+        stated, computed = statement.initial[row], printable(known).xreplace(values).evalf()
+        if not stated or not computed.is_number:
             continue
-        if not found.is_finite or abs(found - given) > TYPED_ROUNDING * max(abs(found), abs(given)):
-            follows = f"{found.evalf(6)}" if found.is_finite else "undefined"
+        if not computed.is_finite or abs(computed - stated) > TYPED_ROUNDING * max(abs(computed), abs(stated)):
+            follows = f"{computed.evalf(6)}" if computed.is_finite else "undefined"
             raise StatementError(
-                f"{name} = {shown(str(printable(solved)))} does not hold at the initial state: {label} is {given:.6g} "
+                f"{name} = {shown(str(printable(solved)))} does not hold at the initial state: {label} is {stated:.6g} "
                 f"there, and {follows} by this expression. Give the expression of the branch that is meant, or other "
                 "initial values."
             )
@@ -282,10 +282,10 @@ def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tupl
 
     Raises StatementError if none does.
     """
-    for one in held:
-        found = _solution(one, name, statement)
-        if found is not None:
-            return one, found
+    for constraint in held:
+        solution = _solution(constraint, name, statement)
+        if solution is not None:
+            return constraint, solution
     raise StatementError(_refusal(held, name, statement))
 
 
@@ -293,9 +293,9 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
     """Return the error message for a coordinate that no constraint determines."""
     if not held:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
-    places = [one for one in held if one.holonomic]
+    places = [constraint for constraint in held if constraint.holonomic]
     if not places:
-        return f"{name} is in no constraint on positions: {_on_velocities([one.name for one in held])}"
+        return f"{name} is in no constraint on positions: {_on_velocities([constraint.name for constraint in held])}"
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
     slope = differentiable(places[0].expression.xreplace(plain)).diff(c)
@@ -352,8 +352,8 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
 
 def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:
     """Return the statement with a coordinate replaced by an expression in plain symbols, without the constraint."""
-    place = statement.names.index(name)
-    gone = statement.coordinates[place]
+    index = statement.names.index(name)
+    gone = statement.coordinates[index]
     plain = statement.plain
     stated = {symbol: leaf for leaf, symbol in plain.items()}
     left = [(q, plain[q]) for q in statement.coordinates if q != gone]
@@ -369,7 +369,7 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     def put(given: Any) -> Any:
         return given.xreplace(table)
 
-    pull = put(statement.forces[place])
+    pull = put(statement.forces[index])
     forces = {
         q: put(statement.forces[i]) + pull * back(slopes[q]) for i, q in enumerate(statement.coordinates) if q != gone
     }
@@ -379,6 +379,6 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
         put,
         coordinates=[q for q, _ in left],
         forces=forces,
-        constraints=[one for one in statement.constraints if one is not constraint],
+        constraints=[other for other in statement.constraints if other is not constraint],
         initial={key: start[key] for q, _ in left for key in (q, velocity_of(q))},
     )

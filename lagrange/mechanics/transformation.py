@@ -57,8 +57,8 @@ class Transformation:
     def coordinates(self) -> tuple[Any, ...]:
         """The coordinates of the new statement. The new ones are at the index of the first replaced one."""
         left = [q for q in self.statement.coordinates if q not in self.gone]
-        place = min(self.statement.coordinates.index(q) for q in self.gone)
-        before = [q for q in self.statement.coordinates[:place] if q in left]
+        first = min(self.statement.coordinates.index(q) for q in self.gone)
+        before = [q for q in self.statement.coordinates[:first] if q in left]
         return (*before, *self.new, *left[len(before) :])
 
     @cached_property
@@ -97,10 +97,10 @@ class Transformation:
     @cached_property
     def table(self) -> dict[Any, Any]:
         """Replacement of old coordinates and velocities by expressions in plain symbols of the new ones."""
-        found = dict(self.plain)
+        replacements = dict(self.plain)
         for q, x in zip(self.gone, self.old, strict=True):
-            found[q], found[velocity_of(q)] = x, self.rate(x)
-        return found
+            replacements[q], replacements[velocity_of(q)] = x, self.rate(x)
+        return replacements
 
     def put(self, given: Any) -> Any:
         """Return a stated expression with the new coordinates put in."""
@@ -122,7 +122,7 @@ def transformed(
     _check_regular(change)
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     kept = {key: x for key, x in start.items() if not key.has(*change.gone)}
-    made = rewritten(
+    result = rewritten(
         statement,
         change.put,
         coordinates=change.coordinates,
@@ -130,10 +130,10 @@ def transformed(
         parameters=_parameters(change, parameters),
         initial=kept if initial is None else _overlaid(kept, initial),
     )
-    _check(change, made, model)
+    _check(change, result, model)
     if initial is None:
-        made = replace(made, initial=_start(change, made))
-    return made
+        result = replace(result, initial=_start(change, result))
+    return result
 
 
 def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
@@ -185,10 +185,10 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)
     ends = [end for end in ends if all(end[i] > 0 for i in lengths) or not any(places)]
     if not ends:
-        given = ", ".join(f"{old.names[i]} = {old.initial[i]:.6g}" for i in rows)
+        old_values = ", ".join(f"{old.names[i]} = {old.initial[i]:.6g}" for i in rows)
         raise StatementError(
-            f"no values of {listing(map(name_of, change.new))} were found at which {given}, from {STARTS} starts: give "
-            f"{example}."
+            f"no values of {listing(map(name_of, change.new))} were found at which {old_values}, from {STARTS} starts: "
+            f"give {example}."
         )
     q, v = np.array(made.initial[:n]), np.array(made.initial[n:])
     q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
@@ -197,14 +197,15 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     drifts = np.array([real(change.rate(x).xreplace(still), here) for x in change.old])
     slopes = np.array([[real(x, here) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
-    found = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
-    if float(np.abs(slopes[:, unknowns] @ found - rest).max()) > START_RESIDUAL * max(1.0, float(np.abs(rest).max())):
-        there = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
+    velocities = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
+    missed = float(np.abs(slopes[:, unknowns] @ velocities - rest).max())
+    if missed > START_RESIDUAL * max(1.0, float(np.abs(rest).max())):
+        where = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
         raise StatementError(
-            f"the initial velocities have no values in the new coordinates: at {there} they are singular. Give "
+            f"the initial velocities have no values in the new coordinates: at {where} they are singular. Give "
             f"another initial state, or {example}."
         )
-    v[unknowns] = found
+    v[unknowns] = velocities
     return (*map(float, q), *map(float, v))
 
 
@@ -265,15 +266,15 @@ def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
 def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
     """Return the new coordinates that the user states to be positive."""
     listed = entries(given, "positive")
-    found = []
-    for one in [given] if listed is None else listed:
-        match = [q for q in new if label_of(one) == name_of(q)]
+    chosen = []
+    for key in [given] if listed is None else listed:
+        match = [q for q in new if label_of(key) == name_of(q)]
         if not match:
             raise StatementError(
-                f"positive contains {shown(one)}, which is not a new coordinate; they are {listing(map(name_of, new))}."
+                f"positive contains {shown(key)}, which is not a new coordinate; they are {listing(map(name_of, new))}."
             )
-        found += match
-    return tuple(found)
+        chosen += match
+    return tuple(chosen)
 
 
 def _check_regular(change: Transformation) -> None:
@@ -292,7 +293,7 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     statement = change.statement
     read = read_with(statement, change.coordinates)
     pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
-    found: dict[Any, Any] = {}
+    forces: dict[Any, Any] = {}
     for q in dict.fromkeys((*change.coordinates, *pulls)):
         if q in change.gone:
             continue
@@ -300,8 +301,8 @@ def _forces(change: Transformation) -> dict[Any, Any]:
         if q in change.coordinates:
             slopes = change.slopes[:, change.coordinates.index(q)]
             terms += [pulls[x] * slope for x, slope in zip(change.gone, slopes, strict=True) if x in pulls]
-        found[q] = change.back(simplest(printable(sympy.Add(*terms))))
-    return found
+        forces[q] = change.back(simplest(printable(sympy.Add(*terms))))
+    return forces
 
 
 def _check(change: Transformation, made: Statement, model: Model) -> None:
@@ -311,7 +312,7 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
     whole = [change.table[q].xreplace(same) for q in old.coordinates]
     rates = [change.table[v].xreplace(same) for v in old.velocities]
     by_place, by_rate = (sympy.Matrix(part).jacobian(list(form.q)) for part in (whole, rates))
-    found = [*form.momenta, *(form.lagrangian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True))]
+    stated = [*form.momenta, *(form.lagrangian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True))]
     above_zero = [form.plain[q] for q in change.positive]
 
     def values(point: Any) -> tuple[list[float], list[Any]]:
@@ -327,7 +328,7 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
         slopes, turns = (
             np.array([[real(x, numbers) for x in row] for row in part.tolist()]) for part in (by_place, by_rate)
         )
-        return [*(p @ slopes), *(f @ slopes + p @ turns)], [number(x, numbers) for x in found]
+        return [*(p @ slopes), *(f @ slopes + p @ turns)], [number(x, numbers) for x in stated]
 
     compared("the transformation", made, values)
 
@@ -385,12 +386,12 @@ def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
     """Return the indices of coordinates, each of which is a coordinate or its name."""
     if not wanted:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
-    found = [statement.names.index(coordinate_name(one, statement.names)) for one in wanted]
-    if len(dict.fromkeys(found)) == len(statement.names):
+    indices = [statement.names.index(coordinate_name(key, statement.names)) for key in wanted]
+    if len(dict.fromkeys(indices)) == len(statement.names):
         raise StatementError(
             f"every coordinate of {statement.name} would be ignored: without one nothing is left to move."
         )
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(indices))
 
 
 def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
@@ -414,14 +415,14 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
     """Return the statement without ignorable coordinates, whose momenta are parameters; tested against the model."""
     routh = routh_of(statement, wanted)
     values = _momentum_values(routh)
-    made = _without_ignored(routh, statement, values)
+    smaller = _without_ignored(routh, statement, values)
     _check_routhian(routh, model)
     if statement.reading is not None:
         read = statement.as_read
         places = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
         in_turns = Routh(PlainForm(read), places, routh.symbols)
-        made = replace(made, reading=_without_ignored(in_turns, statement, values).reading)
-    return with_origin(made, statement)
+        smaller = replace(smaller, reading=_without_ignored(in_turns, statement, values).reading)
+    return with_origin(smaller, statement)
 
 
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
@@ -446,7 +447,7 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
         coordinates=left,
         forces={q: put(force) for q, force in form.statement.applied.items() if q not in gone and force != 0},
         dissipation=form.written(form.read(form.statement.dissipation).xreplace(routh.gone)),
-        constraints={one.name: one.expression for one in form.statement.constraints},
+        constraints={constraint.name: constraint.expression for constraint in form.statement.constraints},
         redundant=statement.redundant,
         parameters={p: statement.defaults.get(p) for p in statement.parameters} | dict(values),
         initial={key: start[key] for q in left for key in (q, velocity_of(q))},
@@ -471,11 +472,11 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
             "momentum, which has to be a constant. Choose another coordinate."
         )
     q, v = statement.coordinates[i], statement.velocities[i]
-    for one in statement.constraints:
-        if one.expression.has(q, v):
+    for constraint in statement.constraints:
+        if constraint.expression.has(q, v):
             raise StatementError(
-                f"{name} is not ignorable: the constraint {one.name!r} acts on it. eliminate(...) solves it for a "
-                "coordinate."
+                f"{name} is not ignorable: the constraint {constraint.name!r} acts on it. eliminate(...) solves it for "
+                "a coordinate."
             )
     for other, force in zip(statement.names, form.forces, strict=True):
         if not vanishes(form, force.diff(form.q[i])):
@@ -491,11 +492,11 @@ def _momentum_values(routh: Routh) -> dict[Any, float | None]:
         return dict.fromkeys(routh.symbols)
     values = {symbol: sympy.Rational(x) for symbol, x in zip((*form.q, *form.v), statement.initial, strict=True)}
     values |= {p: sympy.Rational(x) for p, x in statement.defaults.items()} | {t: sympy.S.Zero}
-    found: dict[Any, float | None] = {}
+    momenta: dict[Any, float | None] = {}
     for symbol, i in zip(routh.symbols, routh.places, strict=True):
         value = number(form.momenta[i], values)
-        found[symbol] = value.real if value == value and not value.imag else None
-    return found
+        momenta[symbol] = value.real if value == value and not value.imag else None
+    return momenta
 
 
 def _check_routhian(routh: Routh, model: Model) -> None:
@@ -538,13 +539,13 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
             f"{listing(statement.names)}, and give that solution."
         )
     routh = routh_of(statement, missing)
-    found: dict[Any, FloatArray] = {}
+    rows: dict[Any, FloatArray] = {}
     for i, rate in zip(routh.places, routh.rates, strict=True):
         q = statement.coordinates[i]
         speed = partial(_speed, solution, routh.form.written(rate))
-        found[q] = statement.initial[i] + _integral(speed, solution.t, statement.names[i])
-        found[velocity_of(q)] = speed(solution.t)
-    return found
+        rows[q] = statement.initial[i] + _integral(speed, solution.t, statement.names[i])
+        rows[velocity_of(q)] = speed(solution.t)
+    return rows
 
 
 def _speed(solution: Any, rate: Any, times: FloatArray) -> FloatArray:
@@ -562,7 +563,7 @@ def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name
     if not len(lengths):
         return np.zeros(1)
     rule: Any = quad_vec  # the type stubs declare results that are numbers alone
-    changes, _, found = rule(
+    changes, _, result = rule(
         lambda share: speed(times[:-1] + share * lengths) * lengths,
         0.0,
         1.0,
@@ -572,7 +573,7 @@ def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name
         limit=MOST_PARTS,
         full_output=True,
     )
-    if not found.success:
+    if not result.success:
         raise RunError(
             f"{name} is not rebuilt to {INTEGRAL_TOLERANCE:g}: its velocity varies too fast between the output times. "
             "Run with shorter steps, or with t_eval closer together."

@@ -51,9 +51,9 @@ class Slider:
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
     """Return all values that may have a slider, by name, as (kind, index): parameters, rates, entries of the state."""
-    parameters = {p.name: (PARAMETER, place) for place, p in enumerate(statement.parameters)}
-    rates = {name_of(rate): (RATE, place) for place, rate in enumerate(_rates_of(statement))}
-    return parameters | rates | {name: (STATE, place) for place, name in enumerate(statement.state_names)}
+    parameters = {p.name: (PARAMETER, index) for index, p in enumerate(statement.parameters)}
+    rates = {name_of(rate): (RATE, index) for index, rate in enumerate(_rates_of(statement))}
+    return parameters | rates | {name: (STATE, index) for index, name in enumerate(statement.state_names)}
 
 
 def _rates_of(statement: Statement) -> list[Any]:
@@ -68,10 +68,10 @@ def quaternion_rows(statement: Statement) -> list[list[int]]:
 
 def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
     """Return the rates about the axes of all bodies at a state (2n,)."""
-    n, found = len(statement.coordinates), list[float]()
+    n, rates = len(statement.coordinates), list[float]()
     for rows in quaternion_rows(statement):
-        found += body_rates([state[row] for row in rows], [state[n + row] for row in rows])
-    return found
+        rates += body_rates([state[row] for row in rows], [state[n + row] for row in rows])
+    return rates
 
 
 def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
@@ -113,7 +113,7 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
         raise StatementError(
             f"the slider of {name} is {shown(pair)}: give its lower and its upper bound, such as {EXAMPLE}."
         )
-    low, high = (real_number(one, f"a bound of the slider of {name}") for one in listed)
+    low, high = (real_number(bound, f"a bound of the slider of {name}") for bound in listed)
     if low == high:
         such = (-1.0, 1.0) if low == 0 else tuple(sorted((low / 2, low * 2)))
         raise StatementError(
@@ -155,30 +155,34 @@ def sliders(
     ]
     n = len(statement.names)
     inner = {row + shift for rows in quaternion_rows(statement) for row in rows for shift in (0, n)}
-    found = {one.name: one for one in every if one.name in bounds or one.kind != STATE or one.place not in inner}
+    by_name = {
+        slider.name: slider
+        for slider in every
+        if slider.name in bounds or slider.kind != STATE or slider.place not in inner
+    }
     for name, (low, high) in bounds.items():
-        one = found[name]
-        if not low <= one.value <= high:
+        slider = by_name[name]
+        if not low <= slider.value <= high:
             raise StatementError(
-                f"the slider of {name} goes from {low:g} to {high:g}, and {name} is {one.value:g}: give bounds that "
+                f"the slider of {name} goes from {low:g} to {high:g}, and {name} is {slider.value:g}: give bounds that "
                 "hold it, or another value."
             )
-        found[name] = replace(one, low=low, high=high, chosen=True)
-    return (*(found[name] for name in bounds), *(one for one in found.values() if not one.chosen))
+        by_name[name] = replace(slider, low=low, high=high, chosen=True)
+    return (*(by_name[name] for name in bounds), *(slider for slider in by_name.values() if not slider.chosen))
 
 
 def _body_rates(statement: Statement, initial: tuple[float, ...]) -> Iterator[Slider]:
     values = rates_at(statement, initial)
     most = nice(2 * max(map(abs, values), default=0.0) or 1.0)
-    for place, (rate, value) in enumerate(zip(_rates_of(statement), values, strict=True)):
-        yield Slider(name_of(rate), RATE, place, value, -most, most, "", chosen=False)
+    for index, (rate, value) in enumerate(zip(_rates_of(statement), values, strict=True)):
+        yield Slider(name_of(rate), RATE, index, value, -most, most, "", chosen=False)
 
 
 def _parameters(statement: Statement, values: tuple[float, ...]) -> Iterator[Slider]:
-    for place, (symbol, value) in enumerate(zip(statement.parameters, values, strict=True)):
+    for index, (symbol, value) in enumerate(zip(statement.parameters, values, strict=True)):
         low, high = parameter_bounds(value)
         unit = unit_of(statement, symbol.name)
-        yield Slider(symbol.name, PARAMETER, place, value, low, high, unit, chosen=False, angle=False)
+        yield Slider(symbol.name, PARAMETER, index, value, low, high, unit, chosen=False, angle=False)
 
 
 def parameter_bounds(value: float) -> tuple[float, float]:
@@ -210,17 +214,17 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
     rates = _rates(model, parameters, initial)
     free = [abs(value) for angle, value in zip(circular, initial, strict=False) if not angle]
     usual = max(free, default=0.0) or 1.0
-    for place, (angle, name) in enumerate(zip(circular, statement.names, strict=True)):
-        value = initial[place]
+    for index, (angle, name) in enumerate(zip(circular, statement.names, strict=True)):
+        value = initial[index]
         half = TURN / 2 if angle else nice(usual) if value == 0 else COORDINATE_RANGE * abs(value)
         middle = TURN * round(value / TURN) if angle else value
         unit = unit_of(statement, name)
-        yield Slider(name, STATE, place, value, middle - half, middle + half, unit, chosen=False, angle=angle)
-        speed, name = initial[n + place], f"{name}_dot"
+        yield Slider(name, STATE, index, value, middle - half, middle + half, unit, chosen=False, angle=angle)
+        speed, name = initial[n + index], f"{name}_dot"
         length = 1.0 if angle else usual
-        most = nice(2 * abs(speed) or math.sqrt(abs(rates[place]) * length) or usual)
+        most = nice(2 * abs(speed) or math.sqrt(abs(rates[index]) * length) or usual)
         unit = unit_of(statement, name)
-        yield Slider(name, STATE, n + place, speed, -most, most, unit, chosen=False, angle=False)
+        yield Slider(name, STATE, n + index, speed, -most, most, unit, chosen=False, angle=False)
 
 
 def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> list[float]:

@@ -73,20 +73,20 @@ def quantity(runs: Ensemble, name: str) -> MemberQuantity:
     codes = np.asarray(runs.results.column(STATUS))
     row = runs.names.index(name) if name in runs.names else None
     if row is not None:
-        found = runs.y[row] if runs.problem.t_eval is None else runs.y[row, -1]
+        numbers = runs.y[row] if runs.problem.t_eval is None else runs.y[row, -1]
         label = f"{label_of_entry(statement, name)} at the end"
     elif name not in runs.table.labels and (row := end_row(name, runs.names)) is not None:
-        found = runs[name]
+        numbers = runs[name]
         label = f"{label_of_entry(statement, runs.names[row])} at the end"
     else:
-        found = np.asarray(runs[name], dtype=float)
+        numbers = np.asarray(runs[name], dtype=float)
         label = label_of(runs, name)
     if _EVENT.fullmatch(name):
-        found = found[:, 0]
-    if found.ndim != 1:
-        raise StatementError(f"{name} has {found[0].size} numbers for each member, and a picture shows one.")
+        numbers = numbers[:, 0]
+    if numbers.ndim != 1:
+        raise StatementError(f"{name} has {numbers[0].size} numbers for each member, and a picture shows one.")
     angle = row is not None and is_angle(statement, row)
-    values = np.where(COMPLETE[codes], wrapped(found, -np.pi) if angle else found, np.nan)
+    values = np.where(COMPLETE[codes], wrapped(numbers, -np.pi) if angle else numbers, np.nan)
     unrun = int(np.count_nonzero((codes == INTERRUPTED) & np.isnan(runs.results.column(TIME))))
     return MemberQuantity(name, label, values, ~COMPLETE[codes], unrun, angle)
 
@@ -112,7 +112,7 @@ def label_of(runs: Ensemble, name: str) -> str:
 
 def _parameter(statement: Statement, name: str) -> str:
     """Return the name of a parameter as mathematics, and any other name unchanged."""
-    return f"${letter_of(name)}$" if any(one.name == name for one in statement.parameters) else name
+    return f"${letter_of(name)}$" if any(parameter.name == name for parameter in statement.parameters) else name
 
 
 def first_drawn(runs: Ensemble) -> str:
@@ -157,19 +157,19 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
         )
     if over_time and not len(runs.t):
         raise StatementError("there is nothing to draw: t_eval has no times. Give some, or leave it out.")
-    found = quantity(runs, label)
-    if not over_time and not np.isfinite(found.values).any():
-        raise StatementError(f"there is nothing to draw: {found.label} is not finite for any member.")
+    drawn = quantity(runs, label)
+    if not over_time and not np.isfinite(drawn.values).any():
+        raise StatementError(f"there is nothing to draw: {drawn.label} is not finite for any member.")
     figure, axis = panel_on(ax, look, (7.2, 5.4))
-    remark = found.remark
+    remark = drawn.remark
     if over_time:
         _fan(axis, runs, label, look)
     elif len(axes) == 2:
-        remark = _map(axis, runs, found, look)
+        remark = _map(axis, runs, drawn, look)
     elif len(axes) == 1 and "member" not in axes:
-        _curve(axis, runs, found, look)
+        _curve(axis, runs, drawn, look)
     else:
-        _histogram(axis, runs, found, look)
+        _histogram(axis, runs, drawn, look)
     say_below(figure, ax, look, f"{remark}." if remark else "")
     return figure
 
@@ -226,7 +226,9 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
     """Draw the quantity `found` against the only varied one, with a cross at the bottom for each failed member."""
-    (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
+    (varied, values), *_ = (
+        (name, axis_values) for name, axis_values in runs.table.varied.axes.items() if len(axis_values) > 1
+    )
     axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
     bottom = axis.get_xaxis_transform()
     if found.failed.any():
@@ -242,8 +244,8 @@ def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureSt
     values = found.values[np.isfinite(found.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
-    for place, width in ((low, 1.0), (middle, 1.8), (high, 1.0)):
-        axis.axvline(place, color=look.ink, linewidth=width, linestyle="-" if width > 1 else "--")
+    for quantile, width in ((low, 1.0), (middle, 1.8), (high, 1.0)):
+        axis.axvline(quantile, color=look.ink, linewidth=width, linestyle="-" if width > 1 else "--")
     dress(axis, look, _title(runs, f"median {middle:.4g}, nine tenths from {low:.4g} to {high:.4g}"))
     axis.set_xlabel(found.label)
     axis.set_ylabel("members")
@@ -258,12 +260,19 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
         dress(axis, look, _title(runs, f"{len(runs)} runs"))
     else:
         levels = [level for band in BANDS for level in band]
-        found = np.full((len(levels) + 1, len(times)), np.nan)
+        bands = np.full((len(levels) + 1, len(times)), np.nan)
         some = np.isfinite(row).any(axis=1)
-        found[:, some] = np.nanquantile(row[some], [*levels, 0.5], axis=1)
+        bands[:, some] = np.nanquantile(row[some], [*levels, 0.5], axis=1)
         for k, shade in enumerate((0.22, 0.4)):
-            axis.fill_between(times, found[2 * k], found[2 * k + 1], color=look.colours[0], alpha=shade, linewidth=0)
-        axis.plot(times, found[-1], color=look.colours[0], linewidth=1.6)
+            axis.fill_between(
+                times,
+                bands[2 * k],
+                bands[2 * k + 1],
+                color=look.colours[0],
+                alpha=shade,
+                linewidth=0,
+            )
+        axis.plot(times, bands[-1], color=look.colours[0], linewidth=1.6)
         dress(axis, look, _title(runs, f"median, middle half and nine tenths of {len(runs):,} runs"))
     axis.set_xlabel(label_of(runs, "t"))
     axis.set_ylabel(label_of(runs, name))
