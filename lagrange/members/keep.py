@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lagrange.algorithm.members.along import END_SLOPE_AT, RISE, SIGNS, lobatto
-from lagrange.algorithm.members.extremum import largest_between, memory_size
+from lagrange.algorithm.members.extremum import largest_between
 from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
+from lagrange.machine.printed_run import called
 from lagrange.members.reductions import REDUCTIONS
 from lagrange.statement.expression import entries
 from lagrange.statement.number import one_of, whole_number
@@ -213,11 +213,6 @@ NONE = np.empty(0)
 """Empty work array for the search of extremes: the dense output of a run needs no memory for polynomials."""
 
 
-@cache
-def _search() -> Callable[..., Any]:
-    return arrays_loaded(largest_between())
-
-
 @dataclass(frozen=True, eq=False)
 class SampledRun:
     """A run with all accepted states, not reduced to output times, and the parameters (k,) of its member."""
@@ -376,15 +371,11 @@ class _Extremum:
 
     def _search(self, steps: _Steps, which: Any, places: FloatArray, values: FloatArray) -> None:
         """Search for the largest value within brackets, fractions (3, k) with values (3, k), and update `best`."""
-        expression, count = self.reduction.expression, len(which)
-        if not count:
-            return
+        search, sign = called(largest_between.form()), SIGNS[self.reduction.how]
+        for k in range(len(which)):
+            step = partial(self._value, steps, which[k : k + 1]), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
+            self.best = float(search(*step, sign, *places[:, k].tolist(), *values[:, k].tolist(), self.best))
 
-        def value(count: int, fractions: Any, out: Any, *_: Any) -> None:
-            out[:count] = steps.inside(expression, which, fractions[:count])
-
-        best, work = np.full(count, self.best), np.zeros(memory_size(count))
-        along = 0.0, 0.0, 0.0, 0, NONE, NONE, 0
-        with np.errstate(all="ignore"):
-            _search()(value, count, SIGNS[self.reduction.how], *places, *values, best, *along, work)
-        self.best = float(best.max())
+    def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
+        """Return the value at a fraction of a step, given as (1,)."""
+        return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])

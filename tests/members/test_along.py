@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -12,8 +13,8 @@ import sympy
 
 import lagrange as lg
 from lagrange.algorithm.members.along import lobatto
-from lagrange.algorithm.members.extremum import largest_between, memory_size
-from lagrange.machine.array_source import arrays_loaded
+from lagrange.algorithm.members.extremum import largest_between
+from lagrange.machine.printed_run import called
 from lagrange.members import job
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -162,25 +163,21 @@ def test_the_rule_is_exact_to_degree_15() -> None:
     assert max(errors[:16]) < 4e-16 and errors[16] > 1e-10
 
 
-def test_the_search_finds_the_largest_value_of_any_shape() -> None:
-    """A parabola, a sine, a kink, a flat top and an end: all brackets at once, on arrays."""
-    peaks = np.array([0.31, 0.5, 0.777, 0.4, 0.2])
-    shapes: list[Callable[[Any], Any]] = [
-        lambda u: 1 - (u - 0.31) ** 2,
-        lambda u: np.sin(np.pi * u),
-        lambda u: 1 - abs(u - 0.777),
-        lambda u: 1 - (u - 0.4) ** 4,
-        lambda u: 1 - u,
-    ]
-
-    def value(count: int, places: Any, out: Any, *_: Any) -> None:
-        out[:count] = [shape(u) for shape, u in zip(shapes, places[:count], strict=True)]
-
-    # The last place tried is two resolutions of 2**-27 from an end at most.
-    low, middle, high = np.full(5, 0.2), np.array([0.35, 0.52, 0.7, 0.5, 0.3]), np.full(5, 0.8)
-    values = [np.array([shape(u) for shape, u in zip(shapes, at, strict=True)]) for at in (low, middle, high)]
-    best, none = np.full(5, -np.inf), np.empty(0)
-    search = arrays_loaded(largest_between())
-    search(value, 5, 1.0, low, middle, high, *values, best, 0.0, 0.0, 0.0, 0, none, none, 0, np.zeros(memory_size(5)))
-    exact = np.array([shape(u) for shape, u in zip(shapes, peaks, strict=True)])
-    assert np.allclose(best, exact, rtol=0, atol=[1e-15, 1e-15, 2e-8, 1e-15, 2e-8])
+@pytest.mark.parametrize(
+    ("shape", "peak", "middle", "allowed"),
+    [
+        (lambda u: 1 - (u - 0.31) ** 2, 0.31, 0.35, 1e-15),
+        (lambda u: math.sin(math.pi * u), 0.5, 0.52, 1e-15),
+        (lambda u: 1 - abs(u - 0.777), 0.777, 0.7, 2e-8),
+        (lambda u: 1 - (u - 0.4) ** 4, 0.4, 0.5, 1e-15),
+        (lambda u: 1 - u, 0.2, 0.3, 2e-8),
+    ],
+)
+def test_the_search_finds_the_largest_value_of_any_shape(
+    shape: Callable[[float], float], peak: float, middle: float, allowed: float
+) -> None:
+    """A parabola, a sine, a kink, a flat top and an end: the last place tried is two resolutions from it at most."""
+    search, none, places = called(largest_between.form()), np.empty(0), (0.2, middle, 0.8)
+    step = (lambda u, *_: shape(u)), 0.0, 0.0, 0.0, 0, none, none, 0
+    best = search(*step, 1.0, *places, *map(shape, places), -math.inf)
+    assert best == pytest.approx(shape(peak), rel=0, abs=allowed)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,14 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
 from lagrange.algorithm.compensated import compensated
-from lagrange.algorithm.members.extremum import ALONG, largest_between
+from lagrange.algorithm.members.extremum import ExpressionOnStep, expression_type, largest_between
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, fma, generated, larger, magnitude, reals, unlikely, unrolled
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.procedure.values import Memory, Real, Whole
 
 SAMPLE_POINTS = 9
 """Number of sample points on a step.
@@ -97,7 +100,7 @@ class Along:
         self, p: Builder, sampled: Sampled, path: Procedure, points: Memory, numbers: Memory, dimension: int
     ) -> None:
         self.p, self.sampled, self.points, self.numbers = p, sampled, points, numbers
-        self.procedure = follow_step(sampled, path, dimension)
+        self.procedure = follow_step.form(sampled=sampled, path=path, dimension=dimension)
         count, size = len(sampled.reductions), sampled.size
         self.now, self.ahead = p.reserve(size, name="now"), p.reserve(size, name="ahead")
         self.found, self.tried, self.lost = (p.reserve(count, name=name) for name in ("found", "tried", "lost"))
@@ -119,7 +122,13 @@ class Along:
     def follow(self, step: SampledStep) -> None:
         """Sample the expressions on a step, which counts only when it is accepted."""
         p = self.p
-        given: dict[str, Any] = {"t": step.t, "end": step.end, "h": step.h, "ratio": step.ratio, "memory": step.memory}
+        given: dict[str, Any] = {
+            "t": step.t,
+            "end": step.end,
+            "h": step.h,
+            "ratio": step.ratio,
+            "coefficients": step.memory,
+        }
         given |= {"numbers": self.numbers, "points": self.points, "y": step.y, "now": self.now, "found": self.found}
         given |= {"degree": step.degree, "ahead": self.ahead, "tried": self.tried}
         p.call(self.procedure, *(given[one.name] for one in self.procedure.parameters))
@@ -146,124 +155,120 @@ class Along:
                 to[k] = p.choose(none, math.nan, self.found[k] * SIGNS[how])
 
 
-def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the procedure that samples expressions on a step.
+@procedure
+def follow_step(
+    t: float,
+    end: float,
+    h: float,
+    ratio: float,
+    coefficients: In,
+    numbers: In,
+    points: In,
+    y: In,
+    now: In,
+    found: In,
+    degree: int,
+    ahead: Out,
+    tried: Out,
+    *,
+    sampled: Sampled,
+    path: Procedure,
+    dimension: int,
+) -> None:
+    """Sample expressions on a step from t to `end`, at whose end the state is `y`.
 
-    It writes their values at the end of the step, `ahead`, and `tried`: the integral over the step, or the largest
-    value so far. `now` has the values at the beginning.
+    Write their values at the end, `ahead`, and for each reduction `tried`: the integral over the step, or the largest
+    value so far. `now` are the values at the beginning, and `found` the largest values of the steps before. `points`
+    are those of Lobatto's rule and then its weights.
     """
-    p = Builder("follow_step", "Look at expressions along a step.")
-    t, end, h, ratio = (p.given(name, REAL) for name in ("t", "end", "h", "ratio"))
-    memory, numbers, points = (p.array(name, read=True) for name in ("memory", "numbers", "points"))
-    y, now, found = (p.array(name, read=True) for name in ("y", "now", "found"))
-    degree, ahead, tried = p.given("degree", WHOLE), p.array("ahead"), p.array("tried")
     size = sampled.size
-    samples, state = p.reserve(SAMPLE_POINTS * size, name="samples"), p.reserve(dimension, name="state")
-    there = p.reserve(size, name="there")
-    with p.loop(1, SAMPLE_POINTS - 1) as j:
-        p.call(path, points[j], ratio, memory, state, degree)
-        singular = p.call(sampled.kernel, p.fma(h, points[j], t), state, numbers, there)
-        for place in range(size):
-            samples[j + place * SAMPLE_POINTS] = p.choose(singular, math.nan, there[place])
-    singular = p.call(sampled.kernel, end, y, numbers, there)
-    for place in range(size):
-        ahead[place] = p.choose(singular, math.nan, there[place])
-        samples[place * SAMPLE_POINTS], samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = now[place], ahead[place]
-    if any(how in SIGNS for how, _ in sampled.reductions):
-        search = raised(sampled, path, dimension)
+    samples, state, there = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
+    for j in range(1, SAMPLE_POINTS - 1):
+        generated(path, points[j], ratio, coefficients, state, degree)
+        is_singular = generated(sampled.kernel, fma(h, points[j], t), state, numbers, there)
+        for place in unrolled(size):
+            samples[j + place * SAMPLE_POINTS] = math.nan if is_singular else there[place]
+    ends_singular = generated(sampled.kernel, end, y, numbers, there)
+    for place in unrolled(size):
+        ahead[place] = math.nan if ends_singular else there[place]
+        samples[place * SAMPLE_POINTS] = now[place]
+        samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = ahead[place]
     for k, (how, place) in enumerate(sampled.reductions):
-        own = samples.at(place * SAMPLE_POINTS)
+        own = samples[place * SAMPLE_POINTS :]
         if how == "mean":
-            tried[k] = h * _integral(p, own, points.at(SAMPLE_POINTS))
+            tried[k] = h * integral(own, points[SAMPLE_POINTS:])
         else:
-            tried[k] = p.call(search, SIGNS[how], found[k], own, points, t, h, ratio, place, memory, numbers, degree)
-    return p.finish()
+            search, step = search_on_step(sampled, path, dimension), (t, h, ratio, place, coefficients, numbers, degree)
+            tried[k] = generated(search, *step, SIGNS[how], found[k], own, points)
 
 
-def _integral(p: Builder, samples: Memory, weights: Memory) -> Real:
+@inline
+def integral(samples: In, weights: In) -> float:
     """Return the integral of values at the points, divided by the length of the step."""
     total = samples[0] * weights[0]
-    for j in range(1, SAMPLE_POINTS):
-        total = p.fma(samples[j], weights[j], total)
-    return p.real(total)
+    for j in unrolled(SAMPLE_POINTS - 1):
+        total = fma(samples[j + 1], weights[j + 1], total)
+    return total
 
 
-def raised(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the procedure that raises a number to the largest value of an expression on a step."""
-    return _Raised(value_on_step(sampled, path, dimension)).build()
+@cache
+def search_on_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
+    """Return the procedure `raised` for the expressions of a system."""
+    value = value_on_step.form(sampled=sampled, path=path, dimension=dimension)
+    return bound(raised.form(), {"value": value}, prefix="step_")
 
 
-class _Raised:
-    """Builds the procedure.
+@procedure
+def value_on_step(
+    fraction: float,
+    t: float,
+    h: float,
+    ratio: float,
+    place: int,
+    coefficients: In,
+    numbers: In,
+    degree: int,
+    *,
+    sampled: Sampled,
+    path: Procedure,
+    dimension: int,
+) -> float:
+    """Return the value of an expression at a fraction of a step; see `VALUE`."""
+    state, there = reals(dimension), reals(sampled.size)
+    generated(path, fraction, ratio, coefficients, state, degree)
+    is_singular = generated(sampled.kernel, fma(h, fraction, t), state, numbers, there)
+    return math.nan if is_singular else there[place]
 
-    A maximum is near a point that is not less than its neighbours. It is between an end of the step and the next point
-    if the expression rises from the end, but the next point is not larger. That takes one more value.
+
+@procedure(step=expression_type)
+def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, points: In) -> float:
+    """Return the largest value of `sign` times an expression on a step, or `before` if that is larger.
+
+    `samples` are its values at the `points`. A maximum is near a point that is not less than its neighbours. It is
+    between an end of the step and the next point if the expression rises from the end, but the next point is not
+    larger. That takes one more value.
     """
-
-    def __init__(self, value: Procedure) -> None:
-        self.p = p = Builder("raised", "Return the largest value on a step, or a larger one from before.")
-        self.value = value
-        self.search = bound(largest_between(1), {"value": value}, prefix="step_")
-        self.sign, before = p.given("sign", REAL), p.given("before", REAL)
-        self.samples, self.points = p.array("samples", read=True), p.array("points", read=True)
-        self.along = [p.given(f"along{k}", kind) for k, kind in enumerate(ALONG)]
-        self.best = p.variable(before, "best")
-        self.places = [p.reserve(1, name=name) for name in ("low", "middle", "high")]
-        self.values = [p.reserve(1, name=f"{name}_value") for name in ("low", "middle", "high")]
-        self.target = p.reserve(1, name="target")
-
-    def build(self) -> Procedure:
-        p, sign, best = self.p, self.sign, self.best
-        with p.loop(0, SAMPLE_POINTS) as j:
-            found = self.samples[j] * sign
-            best.value = p.choose(found > best.value, found, best.value)
-        with p.loop(1, SAMPLE_POINTS - 1) as j:
-            a, b, c = (self.samples[j + k] * sign for k in (-1, 0, 1))
-            inner = (b >= a) & (b >= c)
-            first, last = j.equals(1) & (a > b), j.equals(SAMPLE_POINTS - 2) & (c > b)
-            bound_ = self.bound(j, a, b, c)
-            with p.when((inner | first | last) & (bound_ - best.value > RISE * abs(best.value)), likely=False):
-                self.bracket(j, inner, first)
-        p.leave(best.value)
-        return p.finish(REAL)
-
-    def bound(self, j: Whole, a: Real, b: Real, c: Real) -> Real:
-        """Return a bound of an expression between points: its slope is at most twice the slope from point to point.
-
-        This holds for a parabola, and for |x|.
-        """
-        p = self.p
-        left, right = self.points[j] - self.points[j - 1], self.points[j + 1] - self.points[j]
-        steep = p.magnitude((b - a) / left, (c - b) / right) * 2.0
-        found: Real = p.larger(a + b + steep * left, b + c + steep * right) * 0.5
-        return found
-
-    def bracket(self, j: Whole, inner: Flag, first: Flag) -> None:
-        """Write the bracket of three points around a maximum, and search in it."""
-        p, sign = self.p, self.sign
-        begin = p.choose(inner | first, j - 1, j)
-        end = p.choose(inner, j + 1, begin + 1)
-        for k, place in enumerate((begin, j, end)):
-            self.places[k][0], self.values[k][0] = self.points[place], self.samples[place]
-        with p.when(~inner):
-            self.places[1][0] = p.choose(first, END_SLOPE_AT, p.constant(1.0 - END_SLOPE_AT, REAL))
-            p.call(self.value, 1, self.places[1], self.values[1], *self.along)
-        middle = self.values[1][0] * sign
-        with p.when((middle >= self.values[0][0] * sign) & (middle >= self.values[2][0] * sign)):
-            self.target[0] = self.best.value
-            p.call(self.search, sign, *self.places, *self.values, self.target, *self.along)
-            self.best.value = self.target[0]
-
-
-def value_on_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the value of an expression at a fraction of a step; see `FRACTIONS`."""
-    p = Builder("value_on_step", "Write the value of an expression at a fraction of a step.")
-    p.given("columns", WHOLE)
-    theta, out = p.array("theta", read=True), p.array("out")
-    t, h, ratio, place = p.given("t", REAL), p.given("h", REAL), p.given("ratio", REAL), p.given("place", WHOLE)
-    memory, numbers, degree = p.array("memory", read=True), p.array("numbers", read=True), p.given("degree", WHOLE)
-    state, there = p.reserve(dimension, name="state"), p.reserve(sampled.size, name="there")
-    p.call(path, theta[0], ratio, memory, state, degree)
-    singular = p.call(sampled.kernel, p.fma(h, theta[0], t), state, numbers, there)
-    out[0] = p.choose(singular, math.nan, there[place])
-    return p.finish()
+    best = before
+    for j in range(SAMPLE_POINTS):
+        sample = samples[j] * sign
+        best = sample if sample > best else best
+    for j in range(1, SAMPLE_POINTS - 1):
+        a, b, c = samples[j - 1] * sign, samples[j] * sign, samples[j + 1] * sign
+        is_inner = b >= a and b >= c
+        is_first, is_last = j == 1 and a > b, j == SAMPLE_POINTS - 2 and c > b
+        left, right = points[j] - points[j - 1], points[j + 1] - points[j]
+        # The slope of an expression is taken to be at most twice that from point to point. This holds for a parabola
+        # and for |x|.
+        steep = magnitude((b - a) / left, (c - b) / right) * 2.0
+        highest = larger(a + b + steep * left, b + c + steep * right) * 0.5
+        if unlikely((is_inner or is_first or is_last) and highest - best > RISE * abs(best)):
+            begin = j - 1 if is_inner or is_first else j
+            end = j + 1 if is_inner else begin + 1
+            middle, value = points[j], samples[j]
+            if not is_inner:
+                middle = END_SLOPE_AT if is_first else 1.0 - END_SLOPE_AT
+                value = step.at(middle)
+            low, high = samples[begin], samples[end]
+            if value * sign >= low * sign and value * sign >= high * sign:
+                best = largest_between(step, sign, points[begin], middle, points[end], low, value, high, best)
+    return best
