@@ -2,53 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import TaylorLayout
-from lagrange.algorithm.taylor.sums import powers_of, series_sum
+from lagrange.algorithm.taylor.sums import outstanding, powers_of, series_sum
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, generated
+from lagrange.procedure.front.vocabulary import In, Out, fma, generated
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Memory, Real
+from lagrange.procedure.values import Memory
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
 """A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
 of the step in the unit of the polynomial, the coefficients, the state, and the degree."""
 
 
-def polynomial_path(name: str, entries: Sequence[int], dimension: int) -> Procedure:
-    """Return the path by polynomials in the fraction of the step; the coefficients of a power are adjacent."""
-    p = Builder(name, "Write the state at a fraction of a step.")
-    fraction, ratio = p.given("theta", REAL), p.given("ratio", REAL)
-    c, out, degree = p.array("c", read=True), p.array("out"), p.given("degree", WHOLE)
-    theta: Real = fraction * ratio
-    totals = {j: p.variable(c[degree * dimension + j]) for j in entries}
-    with p.loop(0, degree) as k:
-        line = c.at((degree - 1 - k) * dimension)
-        for j, total in totals.items():
-            total.value = p.fma(total.value, theta, line[j])
-    for j, total in totals.items():
-        out[j] = total.value
-    return p.finish()
+@procedure
+def polynomial_path(
+    fraction: float, ratio: float, c: In, out: Out, degree: int, *, entries: tuple[int, ...], dimension: int
+) -> None:
+    """Write some entries of the state at a fraction of a step, by polynomials in the fraction; see `PATH`.
+
+    The coefficients of a power are adjacent, in the order of the state.
+    """
+    theta = fraction * ratio
+    totals = tuple(c[degree * dimension + j] for j in entries)
+    for k in range(degree):
+        line = c[(degree - 1 - k) * dimension :]
+        totals = tuple(fma(total, theta, line[j]) for total, j in zip(totals, entries, strict=True))
+    for total, j in zip(totals, entries, strict=True):
+        out[j] = total
 
 
-def series_path(layout: TaylorLayout, entries: Sequence[int]) -> Procedure:
-    """Return the path by the series of the last step; the state before the step is stored with its rows."""
-    p = Builder("series_path", "Write the state at a fraction of a step.")
-    theta, ratio = p.given("theta", REAL), p.given("ratio", REAL)
-    work, out, order = p.array("work", read=True), p.array("out"), p.given("order", WHOLE)
-    before, lost = (work.at(layout.held + place) for place in (0, layout.padded))
-    powers, trace = powers_of(theta * ratio), Tracer(p, ())
+@procedure
+def series_path(
+    fraction: float, ratio: float, work: In, out: Out, order: int, *, layout: TaylorLayout, entries: tuple[int, ...]
+) -> None:
+    """Write some entries of the state at a fraction of a step by the series of the last step; see `PATH`.
+
+    The state before the step is stored with its rows.
+    """
+    before, lost = work[layout.held :], work[layout.held + layout.padded :]
+    powers = powers_of(fraction * ratio)
     for j in entries:
-        out[j] = before[j] + (trace.call(series_sum, work, order, powers, p.whole(j), layout) + lost[j])
-    return p.finish()
+        out[j] = before[j] + (series_sum(work, order, powers, j, layout) + lost[j])
+
+
+@procedure(path=lambda: PATH)
+def states_on_step(
+    path: Callable[..., Any],
+    t: float,
+    end: float,
+    sign: float,
+    times: In,
+    memory: In,
+    states: Out,
+    dimension: int,
+    degree: int,
+    done: int,
+) -> int:
+    """Write the states at the output times on a step from t to `end`, and return how many times are done.
+
+    A time at the end belongs to the next step.
+    """
+    h, place = end - t, done
+    while outstanding(times, place, end, sign):
+        path((times[place] - t) / h, 1.0, memory, states[place * dimension :], degree)
+        place += 1
+    return place
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,16 @@ from typing import Any
 
 from lagrange.algorithm.members.along import Along, Sampled, SampledStep
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT
-from lagrange.algorithm.members.outputs import outstanding, write_outputs
-from lagrange.algorithm.members.paths import MemberDenseOutput, StepCoefficients, polynomial_path
+from lagrange.algorithm.members.paths import MemberDenseOutput, StepCoefficients, polynomial_path, states_on_step
 from lagrange.algorithm.members.queue import Members, Observed, SystemNumbers
 from lagrange.algorithm.members.step_occurrences import StepOccurrences
 from lagrange.algorithm.members.step_review import StepEvents
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.algorithm.step.memory import EFFORT, Layout
+from lagrange.algorithm.taylor.sums import outstanding
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.step import StepProgram
@@ -108,11 +109,12 @@ class _Follower:
         self.step = StepCoefficients(p, dense, self.dimension)
         self.written = p.variable(0, "written")
         self.sign = p.real(p.choose(members.t1 < members.t0, -1.0, 1.0))
-        path = polynomial_path("path", range(self.dimension), self.dimension)
-        self.outputs = bound(write_outputs(), {"path": path}, prefix="path_")
+        path = polynomial_path.form(entries=tuple(range(self.dimension)), dimension=self.dimension)
+        self.outputs = bound(states_on_step.form(), {"path": path}, prefix="path_")
         self.along: Along | None = None
         if sampled is not None:
-            path = polynomial_path("path_of_expressions", sampled.entries, self.dimension)
+            some = polynomial_path.form(entries=sampled.entries, dimension=self.dimension)
+            path = bound(some, {}, prefix="expressions_")
             self.along = Along(p, sampled, path, members.points, members.held, self.dimension)
         if members.occurrences is not None:
             members.occurrences.reserve(dense)
@@ -148,7 +150,7 @@ class _Follower:
         """
         p, members, step = self.p, self.members, self.step.step
         t, end = step.t[0], members.run.t
-        due = outstanding(members.output_times, self.written.value, end, self.sign)
+        due = Tracer(p, ()).call(outstanding, members.output_times, self.written.value, end, self.sign)
         step.h[0], step.side[0] = end - t, 0.0
         self.copy(step.new)
         ended = None if members.occurrences is None else self.watch(members.occurrences, end)

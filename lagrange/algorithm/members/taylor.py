@@ -43,7 +43,7 @@ class TaylorMembers(Members):
         self.none = p.reserve(1, name="none")
         self._along: Along | None = None
         if sampled is not None:
-            path = series_path(layout, sampled.entries)
+            path = series_path.form(layout=layout, entries=sampled.entries)
             self._along = Along(p, sampled, path, self.points, self.held, layout.dimension)
         if self.occurrences is not None:
             self.occurrences.reserve(layout)
