@@ -178,4 +178,6 @@ def test_what_is_shown_has_no_bound_of_digits() -> None:
 def test_what_is_shown_has_no_bound_of_levels() -> None:
     deep = nested(lg.coordinate("x"), 350)
     assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))
+    with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
+        INSTANCES[lg.Solution]().plot(deep)
     assert "Hostile" in repr(UNTYPED.Problem(None, {}, 0.0, Hostile(), np.zeros(2)))

@@ -18,7 +18,7 @@ from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import FigureStyle, on_paper, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import name_of, row_label
-from lagrange.statement.expression import entries
+from lagrange.statement.expression import entries, refusing_deep
 from lagrange.statement.number import whole_number
 from lagrange.statement.rotation import rotation_of, shorthands
 from lagrange.trajectory.solution import Solution
@@ -170,6 +170,7 @@ _ONE_COLUMN = 4
 """More coordinates than this are in two columns."""
 
 
+@refusing_deep
 def plot_runs(
     solutions: Sequence[Solution],
     what: Any = None,
