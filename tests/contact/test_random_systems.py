@@ -11,6 +11,7 @@ from sympy import cos, diff, sin, sqrt
 import lagrange as lg
 from lagrange.statement.contact import Contact
 from lagrange.trajectory.contact.kinematics import Kinematics
+from lagrange.trajectory.contact.modes import Mode, modes_of
 from lagrange.trajectory.contact.transition import Transitions
 
 LAWS = ("newton", "sequence")
@@ -93,6 +94,25 @@ def test_a_rod_comes_to_rest_with_the_energy_that_its_ends_have_lost(seed: int) 
     total = run.energy + run.energy_lost
     assert np.abs(total - total[0]).max() < 1e-11 * np.abs(run.energy).max()
     assert min(contact.gap.min() for contact in run.contacts.values()) > -1e-14
+
+
+def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> None:
+    """Friction pushed along the slip: the event at which it stops does not come."""
+    x, y, theta = lg.coordinates("x y theta")
+    floor = lg.contact(y - sin(theta), slip=diff(x + cos(theta), lg.t), friction=0.2)
+    kinetic = (x.dot**2 + y.dot**2) / 2 + theta.dot**2 / 24
+    model = lg.System(kinetic, 9.81 * y, contacts={"floor": floor}).compile()
+    kinematics = Kinematics(model, np.empty(0))
+    transitions = Transitions(modes_of(model), kinematics, 1.0, 1e-12)
+    angle, mode = np.radians(75), Mode(("open",), (None,))
+    place = [0.0, np.sin(angle), angle]
+    # The largest velocities so far say what is round-off of a gap rate and a slip.
+    kinematics.at(0.0, np.array([*place, 1.0, 0.0, 0.0]))
+    slip, rate = -1.01e-11, 0.99e-11
+    for sign in (1, -1):
+        following = transitions.behind(0.0, np.array([*place, slip, sign * rate, 0.0]), mode)
+        moved = kinematics.at(0.0, following.y).rates[1]
+        assert following.mode.states == ("sticking",) or following.mode.ways[0] * moved > 0
 
 
 def test_closed_gaps_without_terms_have_round_off_and_no_missed_impact() -> None:

@@ -102,7 +102,11 @@ class Transitions:
             touch = kin.at(t, y, touch)
         still = touch.noise + IMPACT_NOISE * max(speeds, default=0.0)
         resting = [i for i in touching if touch.rates[normals[i]] <= still[normals[i]] or i in plastic]
-        y, following, pulls = self._next(t, y, touch, resting, stopped, ways, released, near)
+        entered, following, pulls = self._next(t, y, touch, resting, stopped, ways, released, near)
+        if turned := self._turned(y, entered, touch, following):
+            stopped = {*stopped, *turned}
+            entered, following, pulls = self._next(t, y, touch, resting, stopped, ways, released, near)
+        y = entered
         unseen = frozenset(
             i
             for i in touching
@@ -272,6 +276,20 @@ class Transitions:
         if any(touch.gaps[i] for i in mode.closed):
             y = kin.closed(y, touch, mode.closed, near)
         return self._entered(y, touch, mode, begins), mode, pulls
+
+    def _turned(self, y: FloatArray, entered: FloatArray, touch: Touch, mode: Mode) -> list[int]:
+        """Return the contacts that slide along a line against the way of a mode, `entered` from a state y (2n,).
+
+        Their slip is round-off that entering the mode took away: they are at rest.
+        """
+        change = entered[self._layout.v] - y[self._layout.v]
+        turned = []
+        for i, way in enumerate(mode.ways):
+            if way is not None:
+                row = self.kinematics.rows[i][1]
+                if way * (touch.rates[row] + touch.directions[row] @ change) <= 0:
+                    turned.append(i)
+        return turned
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
         """Return the independent ones of the constraints of a mode if some follow from others, else None."""
