@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,10 @@ from sympy import Float
 
 from lagrange.equations.constraints import constraint_equations
 from lagrange.errors import StatementError, formula
+from lagrange.graph.node import Node
+from lagrange.machine.backend import Kernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.model import Model
 from lagrange.statement.contact import impact_speed
 from lagrange.trajectory.contact.complementarity import Friction, least_solution
@@ -33,6 +37,9 @@ ROUND_OFF = 2.0**-50
 """A velocity in a closed contact is round-off where its kinetic energy is below the square of this part of the largest.
 
 Impulses pass it on from contact to contact. Tolerances relative to it would be far too small."""
+
+MODELS_KEPT = 16
+"""Number of models whose functions of contacts, and whose modes, are kept."""
 
 SLOW_SHARE = 1e-3
 """Fraction of the largest rates of all contacts that is used as the scale of a contact at rest."""
@@ -63,6 +70,28 @@ class Touch:
         return self.directions @ self.responses
 
 
+@lru_cache(maxsize=MODELS_KEPT)
+def contact_function(model: Model) -> Kernel:
+    """Return the gaps, rates, biases and directions of the contacts of a model as a function, made once for it."""
+    equations = model.equations
+    stated: dict[str, Any] = {}
+    holonomic = []
+    for each in model.statement.contacts:
+        stated[each.name] = equations.translate(each.gap)
+        stated |= dict(zip(each.slip_names, map(equations.translate, each.slip), strict=True))
+        holonomic += [True] + [False] * len(each.slip)
+    found = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
+    gaps = [gap for gap in found.positions if gap is not None]
+    gradient = [entry for row in found.gradient for entry in row]
+    return quick_function(model, "contacts", (*gaps, *found.velocities, *found.bias, *gradient))
+
+
+def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
+    """Return nodes as a function in Python where it is not too long: a run calls it some times for each transition."""
+    kernel = model.function(name, nodes)
+    return PythonKernel(kernel.program) if fits(kernel.program) else kernel
+
+
 class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
@@ -71,22 +100,11 @@ class Kinematics:
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
         self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
-        equations = model.equations
-        stated: dict[str, Any] = {}
-        holonomic = []
-        for each in self.contacts:
-            stated[each.name] = equations.translate(each.gap)
-            stated |= dict(zip(each.slip_names, map(equations.translate, each.slip), strict=True))
-            holonomic += [True] + [False] * len(each.slip)
-        found = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
-        gaps = [gap for gap in found.positions if gap is not None]
-        gradient = [entry for row in found.gradient for entry in row]
         sizes = [1 + len(each.slip) for each in self.contacts]
         self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
-        self._places, self._speeds, self._momentum = np.zeros(len(gaps)), np.zeros(len(found)), 0.0
-        nodes = (*gaps, *found.velocities, *found.bias, *gradient)
-        self._kernel = model.function("contacts", nodes)
+        self._places, self._speeds, self._momentum = np.zeros(len(sizes)), np.zeros(sum(sizes)), 0.0
+        self._kernel = contact_function(model)
         values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
         self._restitution = [each.restitution.xreplace(values) for each in self.contacts]
         self._friction = [tuple(float(mu.xreplace(values)) for mu in each.friction) for each in self.contacts]

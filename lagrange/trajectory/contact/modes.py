@@ -20,6 +20,7 @@ from lagrange.statement.statement import ALLOW, Constraint, Statement
 from lagrange.trajectory.contact.bounces import WrittenImpacts, written_impacts
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.friction import WrittenFriction, written_friction
+from lagrange.trajectory.contact.kinematics import MODELS_KEPT, quick_function
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -31,9 +32,6 @@ SLOWEST = 1e-12
 
 It is `rtol` where that is larger: steps pass over a slip that is smaller than their errors, and turn it back for ever.
 The rest of the slip is taken away by an impulse."""
-
-MODELS_KEPT = 16
-"""Number of models for which compiled modes are cached."""
 
 EVENTS_KEPT = 8
 """Number of lists of events that are cached with a mode, so that its runs use the same drivers."""
@@ -105,8 +103,10 @@ class PreparedMode:
     def zeros(self) -> Kernel:
         """The expressions of the events that end the mode, as a function."""
         own = self.events[self.own]
-        return self.model.function(
-            "ends", tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in own)
+        return quick_function(
+            self.model,
+            "ends",
+            tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in own),
         )
 
 
