@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 WIDEST_VECTOR = 8
-"""Number of doubles in the widest vectors of processors: so many numbers, steps or members are computed at once."""
+"""Number of doubles in the widest vectors of processors: this many numbers, steps or members are computed at once."""
 
 
 def whole_blocks(count: int, block: int) -> int:

@@ -175,7 +175,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(given: FloatArray) -> FloatArray:
-        """Return how far states are beyond the start of the orbit, along its first piece."""
+        """Return the signed distance of states from the start of the orbit, along its first piece."""
         moved = difference(given, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 

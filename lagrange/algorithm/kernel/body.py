@@ -28,7 +28,7 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """How linear systems are printed in a procedure.
+    """Printing of the solution of linear systems in a procedure.
 
     Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
     Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out; systems

@@ -64,7 +64,7 @@ def _trusted(
 
 
 def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real | None:
-    """Return value minus the sum of products; None stands for zero."""
+    """Return value minus the sum of products; None means zero."""
     for left, right in products:
         value = -(left * right) if value is None else value.builder.fnma(left, right, value)
     return value

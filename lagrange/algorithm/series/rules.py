@@ -12,7 +12,7 @@ from lagrange.algorithm.series.packing import Chunk
 from lagrange.procedure.builder import Builder
 
 Term = Any
-"""A real, or several as a vector; None stands for zero."""
+"""A real, or several as a vector; None means zero."""
 
 OWN = -1
 """Argument number that stands for the value itself."""

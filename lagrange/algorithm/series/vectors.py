@@ -19,7 +19,7 @@ def width(x: Real | Entries) -> int:
 
 
 def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
-    """Return a vector of entries, each given by a value and an index in it; None stands for zero."""
+    """Return a vector of entries, each given by a value and an index in it; None means zero."""
     if all(x is None for x, _ in parts_of):
         return None
     given = [(p.real(0.0), 0) if x is None else (x, place) for x, place in parts_of]
@@ -45,7 +45,7 @@ def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk]
 
 
 def of_width(p: Builder, x: Term, size: int) -> Term:
-    """Return the first `size` entries of a value; None stands for zero."""
+    """Return the first `size` entries of a value; None means zero."""
     return None if x is None else wide(p, x, size)
 
 

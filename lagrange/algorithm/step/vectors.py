@@ -70,7 +70,7 @@ def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]
 def plus(total: float | None, factor: float | None, value: float) -> float:
     """Return total + factor * value, rounded once.
 
-    A total of None stands for zero, and a factor of None for one.
+    A total of None means zero, and a factor of None means one.
     """
     if total is None:
         return value if factor is None else factor * value

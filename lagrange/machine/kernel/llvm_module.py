@@ -41,12 +41,12 @@ MOST_IN_REGISTERS = 8
 """Largest number of entries of a state, and of results, that are passed in registers."""
 
 SCALAR = Style(largest=LARGEST_IN_LINE, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
-"""How systems are solved for one state. Those that are written out share one test of pivots, at which all their entries
-are live; systems in memory are four vectors of eight reals for each row."""
+"""Treatment of linear systems for one state. Those that are written out share one test of pivots, at which all their
+entries are live; systems in memory are four vectors of eight reals for each row."""
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""How systems are solved with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column
-that needs pivoting is evaluated again alone."""
+"""Treatment of linear systems with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a
+column that needs pivoting is evaluated again alone."""
 
 
 def fit(dimension: int) -> bool:

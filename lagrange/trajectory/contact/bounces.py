@@ -133,7 +133,7 @@ class Bounces:
         self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
 
     def most(self, restitutions: Sequence[float | None]) -> int:
-        """Return how many impacts a compiled loop may take before the run tests for an accumulation.
+        """Return the number of impacts that a compiled loop may take before the run tests for an accumulation.
 
         A ball that falls back is then hardly below `SMALLEST_BOUNCE`. `restitutions` are those of each contact, None
         where it depends on the speed.

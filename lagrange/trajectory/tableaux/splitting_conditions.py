@@ -51,5 +51,5 @@ def coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, 
 
 
 def _tail(word: str, letter: str) -> int:
-    """Return how many times the letter is repeated at the end of a word."""
+    """Return the number of repetitions of the letter at the end of a word."""
     return len(word) - len(word.rstrip(letter))
