@@ -99,8 +99,11 @@ class StandIn:
     def accelerations(self, q: Any, v: Any, time: Any = 0.0, parameters: Any = None) -> Any:
         return self.evaluate("accelerations", q, v, time, parameters)
 
-    def rhs(self, time: Any, y: Any, parameters: Any = None) -> Any:
-        return self.evaluate("rhs", y[: self.dimension], y[self.dimension :], time, parameters)
+    def kernel(self, name: str) -> str:
+        return name
+
+    def called(self, kernel: str, time: Any, y: Any, parameters: Any = None) -> Any:
+        return self.evaluate(kernel, y[: self.dimension], y[self.dimension :], time, parameters)
 
     def jacobian(self, time: Any, y: Any, parameters: Any = None) -> Any:
         return self.evaluate("jacobian", y[: self.dimension], y[self.dimension :], time, parameters)
