@@ -86,10 +86,10 @@ class LocalTerms:
 
 
 def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
-    """Return programs for the separated terms of a statement, or None if it has few coordinates.
+    """Return programs for the parts of L and of the dissipation that contain each coordinate or velocity.
 
-    `touched` has 2n lists: for each coordinate, then for each velocity, the rows of the equations of motion that
-    contain it.
+    They are None for a statement of few coordinates. `touched` has 2n lists: for each coordinate, then for each
+    velocity, the rows of the equations of motion that contain it.
     """
     n = len(statement.coordinates)
     if n < LOCAL_FROM:

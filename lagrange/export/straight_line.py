@@ -398,7 +398,7 @@ class PrintedFunctions:
         return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
 
     def quantity(self, one: ExportedQuantity) -> PrintedFunction:
-        """Return the function of a quantity."""
+        """Return the printed function that computes an exported quantity, and writes its values into `out`."""
         program = self.programs[one.name]
         printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
         return self._function(printer, "out", range(len(one.results)))

@@ -125,7 +125,7 @@ class RecurrenceBuilder:
         return self.constants.setdefault(node, len(self.constants))
 
     def value(self, node: Node) -> int:
-        """Return the number of the value of a node that moves, or of a constant force."""
+        """Return the index in the series of the value of a node that varies in time, or of a constant force."""
         if node not in self.values:
             self.values[node] = self._make(node)
         return self.values[node]

@@ -316,7 +316,10 @@ class ZeroSearch:
 
     @inline
     def first_change(self, count: int) -> int:
-        """Return the index of the first zero that changes the motion, -1 if none does; count the zeros that count."""
+        """Return the index of the first zero on a step that changes the motion, -1 if none does.
+
+        Each earlier zero in a direction that counts lowers the number of zeros that its event has left.
+        """
         change = -1
         for j in range(count):
             if change < 0 and self.counts(j):

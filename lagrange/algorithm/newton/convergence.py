@@ -43,15 +43,15 @@ def assess_correction(
     adaptive: bool,
     constrained: bool = False,
 ) -> Outcome:
-    """Say whether the unknowns are good enough, by the norms of corrections.
+    """Return whether Newton's method has converged, by the norms of its corrections.
 
     `iteration` counts corrections from 0, and `since` those made with the current matrix. `norm` is the size of this
     correction, `previous` that of the one before. The outcome is DONE, PAUSED if another correction is needed, or
     DIVERGED.
 
-    The rate of the previous step says nothing of a `constrained` step with error control: it is that by which the
-    gradients of constraints turn, and does not fall with the length of the step. Its first correction counts as one of
-    the largest rate.
+    The first correction has no measured rate of convergence. It is taken from the previous step, but for a
+    `constrained` step with error control it is `DIVERGENCE_RATE`: there the rate depends on the turning of the
+    gradients of constraints, and does not fall with the length of the step.
     """
     first = iteration == 0
     measured = norm / previous

@@ -59,12 +59,12 @@ INSTEAD: Mapping[type[ast.AST], str] = {
 
 
 def named(name: str) -> ast.expr:
-    """Return an expression that reads a name."""
+    """Return the syntax tree of an expression that reads a name."""
     return ast.Name(name, LOAD)
 
 
 def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
-    """Return a call of a method of the receiver, or of an object that it returned."""
+    """Return the syntax tree of a call `of.method(*args)`; `of` is the receiver by default."""
     return ast.Call(ast.Attribute(named(of), method, LOAD), list(args), [])
 
 
@@ -74,7 +74,7 @@ def text(value: str) -> ast.expr:
 
 
 def lazily(value: ast.expr) -> ast.expr:
-    """Return a function without arguments that computes an expression."""
+    """Return the syntax tree of a function without arguments that computes an expression."""
     nothing = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
     return ast.Lambda(nothing, value)
 

@@ -103,7 +103,7 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 
 def word(name: str) -> str:
-    """Return a word without digits: a letter, also Greek, or an upright word."""
+    """Return the TeX of a name without digits: a letter, also Greek, or an upright word."""
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"

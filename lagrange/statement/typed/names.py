@@ -16,7 +16,7 @@ RATES = ("", "_dot", "_ddot")
 """Endings of a coordinate, its velocity and its acceleration in the strict notation."""
 
 SPELLINGS = (("",), ("dot",), ("ddot", "dotdot", "doubledot"))
-"""Other endings that people type for these, by order, without underscores."""
+"""Endings that people type in place of those in `RATES`, by the order of the derivative, without underscores."""
 
 LONGEST_SPLIT = 64
 """Most characters of a word that is taken for a product of several symbols."""

@@ -195,7 +195,7 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 
 
 def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
-    """Return a solution with the direction of each contact that slides."""
+    """Return a solution of the laws of contact, with the direction in which each sliding contact slides."""
     directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
     return Balance(forces, rates, tuple(states), tuple(directions))
 

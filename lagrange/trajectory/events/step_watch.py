@@ -442,7 +442,7 @@ class StepWatch(EventLog):
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
         """Return the events that are zero at the start of a step because the motion started there; keep their values.
 
-        For an event with a known side the zero is treated as between any two steps.
+        An event whose sign at the start is known is not among them: its zeros are found as on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
