@@ -38,6 +38,10 @@ TURNS, SLOW_TURN, LEAST_TURN = 300, 0.7, 1 / 16
 error does not fall below this part, to the least share: among many contacts whole turns overshoot."""
 
 
+TURNS_BETWEEN = 20
+"""Iterations after which combinations that obey no law are no longer waited for, if another obeys all."""
+
+
 @dataclass(frozen=True, eq=False)
 class Friction:
     """The friction of one contact: the number of slip components, the coefficients, and the direction of sliding.
@@ -179,7 +183,7 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     if searched.any():
         ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
     share, change = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf)
-    for _ in range(TURNS):
+    for turn in range(TURNS):
         forces, rates, solved = _forces(matrix, bias, rows, states, ways)
         moving = searched & (rows.directions(rates) != 0)
         turned = np.where(moving, rows.directions(rates), ways)
@@ -187,8 +191,13 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         # A turn that overshoots is shortened.
         share[change > SLOW_TURN * before] /= 2
         ways = np.where(searched, rows.directions(ways + np.maximum(share, LEAST_TURN) * (turned - ways)), ways)
-        if change[solved].max(initial=0.0) <= 4 * np.finfo(float).eps:
+        turning = solved & (change > 4 * np.finfo(float).eps)
+        if not turning.any():
             break
+        if turn and turn % TURNS_BETWEEN == 0:
+            good = solved & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
+            if good.any() and not (good & turning).any():
+                break
     good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
     for c in np.flatnonzero(good).tolist():
         yield _balance_of(rows, forces[c], rates[c], states[c].tolist(), ways[c])
