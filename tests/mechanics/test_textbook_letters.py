@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 import lagrange as lg
-from tests.mechanics.answered_systems import disc, orbit, oscillator, rolling, spun, strung
+from tests.mechanics.answered_systems import disc, orbit, oscillator, pulley, rolling, spun, strung, yoyo
 from tests.models import shared_scene
 
 RIGHT: list[tuple[Callable[[], lg.System], str]] = [
@@ -20,6 +20,8 @@ RIGHT: list[tuple[Callable[[], lg.System], str]] = [
     (disc, "m s'' = m g - f\nI phi'' = f R\nN = 0 is the force of the wall"),
     (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 2 m1 m2 g/(m1 + m2)"),
     (strung, "x'' = (m1 - m2) g/(m1 + m2)\nF_S = 2 m1 m2 g/(m1 + m2)"),
+    (yoyo, "m y'' = m g - S, S R = I y''/R"),
+    (pulley, "m1 x'' = m1 g - T1\nm2 x'' = T2 - m2 g\nI x''/R = (T1 - T2) R"),
     (orbit, "d/dt m r^2 phi' = 0\n(M + m) r'' = m r phi'^2 - M g"),
     (orbit, "m r^2 phi' = L = const.\n(M + m) r'' = L^2/(m r^3) - M g"),
     (orbit, "m r^2 phi' = L\n(M + m) r'' = L^2/(m r^3) - M g"),
@@ -43,6 +45,8 @@ def test_letters_of_textbooks_are_read(system: Callable[[], lg.System], text: st
         (rolling, "m s'' = m g sin(alpha) - f\nI phi'' = f R\ns = R phi + 1"),
         (strung, "x'' = (m1 - m2) g/(m1 + m2)\nT = 3 m1 m2 g/(m1 + m2)"),
         (strung, "x'' = (m1 - m2) g/(m1 + m2)\nF_S = 3 m1 m2 g/(m1 + m2)"),
+        (yoyo, "m y'' = m g - S, S R = 2 I y''/R"),
+        (pulley, "m1 x'' = m1 g - T1\nm2 x'' = T2 + m2 g\nI x''/R = (T1 - T2) R"),
         (orbit, "m r phi' = L\n(M + m) r'' = L^2/(m r) - M g"),
         (oscillator, "x' = v\nm v' = -k x + c v + m g + F cos(w t)"),
     ],

@@ -18,6 +18,9 @@ _CONSTANT = (["const"], ["constant"], ["konst"])
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 """A name that a line may define."""
 
+_FORCE = re.compile(r"[TNSF](?:_?[0-9A-Za-z])?")
+"""A name of a force such as a tension T1, which two equations may have: one defines it for the other."""
+
 _LONE = (("",), ("", "2"), ("", "^", "2"))
 """Sides that a definition may have: a name, written as "", and its square."""
 
@@ -31,8 +34,8 @@ def is_constant(side: Sequence[Token]) -> bool:
 class Definition:
     """An equation that defines a name: its two sides, of which one may be the name.
 
-    `lone` is true if a side is the name or its square. `constant` is the clause that remains: it states that the value
-    is constant, or is None.
+    `lone` is true if a side is the name or its square, or if the name is a force. `constant` is the clause that
+    remains: it states that the value is constant, or is None.
     """
 
     name: str
@@ -44,7 +47,8 @@ class Definition:
     def of(cls, clause: Clause, uses: Uses, names: Names) -> Definition | None:
         """Return the definition that a clause is: it has one unknown name, which other clauses contain; else None.
 
-        A name that is not alone on a side is defined if another clause states its derivative or that it is constant.
+        A name that is not alone on a side is defined if another clause states its derivative or that it is constant, or
+        if it is a force in another clause.
         """
         sides = clause.sides()
         stated = is_constant(sides[-1])
@@ -57,13 +61,15 @@ class Definition:
         lone = [k for k, side in enumerate(sides) if tuple("" if one in words else one.text for one in side) in _LONE]
         value = sides[1 - lone[0]] if lone else sides[0]
         changes = uses.changes(canonical(name), clause)
-        if not (changes or (lone and uses.contain(canonical(name), clause))) or not _NAME.fullmatch(name):
+        shared = uses.contain(canonical(name), clause)
+        force = shared and not stated and bool(_FORCE.fullmatch(name))
+        if not (changes or force or (lone and shared)) or not _NAME.fullmatch(name):
             return None
-        if not lone and names.order(sides[0] + sides[1]) > 1:
+        if not (lone or force) and names.order(sides[0] + sides[1]) > 1:
             return None
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
         fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
-        return cls(name, (sides[0], sides[1]), bool(lone), replace(kept, constant=True) if fixed else None)
+        return cls(name, (sides[0], sides[1]), bool(lone) or force, replace(kept, constant=True) if fixed else None)
 
 
 class Uses:
