@@ -458,11 +458,12 @@ def test_the_cut_of_an_angle_is_a_surface() -> None:
     p.check(p.call("atan2", p.c, p.x), 0)
 
 
-def test_the_angle_of_an_event_has_no_surface() -> None:
-    """Unless the equations have it too, or a switch asks for its sign."""
+def test_the_angle_of_an_event_has_a_surface() -> None:
+    """It is that of the equations, if they have the angle too; a switch adds one for its sign."""
     p = Place()
     angle = p.call("atan2", p.y, p.x)
-    assert not switch(p.graph, [p.v], [angle - 3]).surfaces
+    assert switch(p.graph, [p.v], [angle - 3]).surfaces == (p.y,)
+    assert not switch(p.graph, [p.v], [p.call("sin", angle) - 3]).surfaces
     assert len(switch(p.graph, [p.v + angle], [angle - 3]).surfaces) == 1
     assert len(switch(p.graph, [p.v], [p.call("abs", angle) - 3]).surfaces) == 2
 
