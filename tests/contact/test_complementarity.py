@@ -55,6 +55,14 @@ def test_surfaces_that_do_not_slide_yet_have_one_motion(plane: bool) -> None:
         assert len(solutions(matrix, bias, [replace(contact, way=None) for contact in contacts])) == 1
 
 
+def test_a_slip_that_nearly_stops_in_a_plane_has_a_direction() -> None:
+    """Near the edge of the cone a whole turn of the direction overshoots 53 times."""
+    matrix, bias = 0.6346490729175164 * np.eye(3), np.array([-13.482417610366966, -1.949435005702, -0.667553147002])
+    (found,) = solutions(matrix, bias, [Friction(2, 0.15, 0.15)])
+    assert found.states == (SLIDING,)
+    assert found.rates[1:] / np.linalg.norm(found.rates[1:]) == pytest.approx(bias[1:] / np.linalg.norm(bias[1:]))
+
+
 def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = {}
     for seed in range(100):

@@ -33,10 +33,9 @@ DEPENDENT = 1e-12
 MOST_CASES = 1024
 """Largest number of combinations of states that are all tried. With more, one solution is found by pivoting."""
 
-TURNS, SLOW_TURN, LEAST_TURN = 300, 0.7, 1 / 16
-"""Most iterations for the direction in which a body begins to slide in a plane. The share of a turn is halved where the
-error does not fall below this part, to the least share: among many contacts whole turns overshoot."""
-
+TURNS, LEAST_TURN = 300, 2.0**-12
+"""Most iterations for the direction in which a body begins to slide in a plane. The share of a turn is halved where it
+overshoots, to the least share: whole turns overshoot among many contacts, and near the edge of the cone."""
 
 TURNS_BETWEEN = 20
 """Iterations after which combinations that obey no law are no longer waited for, if another obeys all."""
@@ -182,15 +181,15 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
                 searched[c, rows.members[:, i]] = way is None
     if searched.any():
         ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
-    share, change = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf)
+    share, change, error = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf), np.zeros(ways.shape)
     for turn in range(TURNS):
         forces, rates, solved = _forces(matrix, bias, rows, states, ways)
         moving = searched & (rows.directions(rates) != 0)
         turned = np.where(moving, rows.directions(rates), ways)
-        before, change = change, np.abs(turned - ways).max(axis=1)
+        last, error, before, change = error, turned - ways, change, np.abs(turned - ways).max(axis=1)
         # A turn that overshoots is shortened.
-        share[change > SLOW_TURN * before] /= 2
-        ways = np.where(searched, rows.directions(ways + np.maximum(share, LEAST_TURN) * (turned - ways)), ways)
+        share[((error * last).sum(axis=1) < 0) | (change > before)] /= 2
+        ways = np.where(searched, rows.directions(ways + np.maximum(share, LEAST_TURN) * error), ways)
         turning = solved & (change > 4 * np.finfo(float).eps)
         if not turning.any():
             break
