@@ -130,7 +130,8 @@ def test_it_pickles_and_keeps_what_is_drawn() -> None:
     assert again.expression == form.expression
     assert again.system.statement.positions == wagon().statement.positions
     assert repr(form).startswith("<Hamiltonian: ")
-    assert np.isfinite(again.compile("numpy").rhs(0.0, [*form.statement.initial])).all()
+    model = again.compile("numpy")
+    assert np.isfinite(model.rhs(0.0, model.as_scipy().y0())).all()
 
 
 @pytest.mark.parametrize(
