@@ -63,7 +63,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/contact": (
-        *("machine records", "machine entries"),
+        *("machine records", "machine/kernel", "machine entries"),
         *("trajectory records", "trajectory runs", "trajectory parts"),
     ),
     "trajectory entries": (

@@ -34,8 +34,8 @@ from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.shown_lists import ExpressionTuple
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import flag, real_number, whole_number
-from lagrange.statement.progress import counter, wanted_progress
+from lagrange.statement.number import flag, flag_or_word, real_number, whole_number
+from lagrange.statement.progress import LINES, counter
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
@@ -376,7 +376,7 @@ def _runs(
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight
-    model = compiled(system, "pendulum", progress=wanted_progress(progress))
+    model = compiled(system, "pendulum", progress=flag_or_word(progress, "progress", LINES))
     check_without_contacts(model.statement.contacts, "a portrait, section or sweep")
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)
     check_options(step, rtol)

@@ -52,8 +52,8 @@ from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import real_number, whole_number
-from lagrange.statement.progress import compiling, counter, wanted_progress
+from lagrange.statement.number import flag_or_word, real_number, whole_number
+from lagrange.statement.progress import LINES, compiling, counter
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.messages import message, number
@@ -425,7 +425,7 @@ def ensemble(
     Raises StatementError for invalid arguments, RunError if an executor or a disk fails.
     """
     began = time.perf_counter()
-    model = compiled(system, "double-pendulum", progress=wanted_progress(progress))
+    model = compiled(system, "double-pendulum", progress=flag_or_word(progress, "progress", LINES))
     (t0, t1), events = span_or_end(span), declare_events(events, model.statement) or None
     threads = threads_of(workers)
     if workers is not None and executor is not None:
@@ -446,7 +446,7 @@ def ensemble(
         events=events or (),
     )
     job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
-    return _run(job, table, threads, executor, store, began=began, progress=wanted_progress(progress))
+    return _run(job, table, threads, executor, store, began=began, progress=flag_or_word(progress, "progress", LINES))
 
 
 def _run(

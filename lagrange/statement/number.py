@@ -69,6 +69,13 @@ def flag(value: Any, what: str) -> bool:
     return bool(value)
 
 
+def flag_or_word(value: Any, what: str, word: str) -> bool | str:
+    """Return a bool or a word. Raises StatementError for other values."""
+    if isinstance(value, str):
+        return one_of(value, (word,), what + " = {given}: give True, False or {known}.")
+    return flag(value, what)
+
+
 def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
     """Return a whole number of at least `least`, and of at most `most` unless that is None; 3.0 is accepted as 3."""
     number = real_number(value, what)

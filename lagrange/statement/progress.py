@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from lagrange.statement.number import flag, one_of
-
 SILENT_SECONDS = 2.0
 """Seconds of compiling or deriving before a line reports it."""
 
@@ -23,13 +21,6 @@ LINES = "lines"
 
 Report = Callable[[float], None]
 """Progress callback: time reached, or number of finished items."""
-
-
-def wanted_progress(given: Any) -> bool | str:
-    """Return the checked option `progress`: True, False or "lines". Raises StatementError for other values."""
-    if isinstance(given, str):
-        return one_of(given, (LINES,), "progress = {given}: give True, False or {known}.")
-    return flag(given, "progress")
 
 
 def compiling(name: str, *, wanted: bool) -> AbstractContextManager[None]:
