@@ -313,9 +313,6 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     # An entry at rest may be pushed by one that reaches it in the step.
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
-    if not before and not state.count(DriverState.STEPS) and state.taylor.scale:
-        # The first series, in the unit of time, says nothing about the sizes in a step.
-        state.floors[state.y == 0.0] = LEAST_FLOOR
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
     found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
     noise = noise_floors(model, parameters, t, state.y, left)

@@ -12,7 +12,7 @@ from lagrange.algorithm.taylor.defect_test import defect_is_small, record_step, 
 from lagrange.algorithm.taylor.event_series import contradicts
 from lagrange.algorithm.taylor.memory import Held, TaylorLayout, TaylorState, weights_type
 from lagrange.algorithm.taylor.step import take_step
-from lagrange.algorithm.taylor.step_size import choose_exponent, first_floors, logarithm, weigh
+from lagrange.algorithm.taylor.step_size import choose_exponent, first_floors, forget_first_floors, logarithm, weigh
 from lagrange.algorithm.taylor.watching import Arguments, arguments, numbers_of, restore_sides, watched_of
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, each, likely, mantissa, reals, unlikely
@@ -81,6 +81,9 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
         # Floors of entries that are zero, at the start and after a change of the scale of time, until a survey.
         is_blind = first_floors(run.share, given.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
+            if counts.steps == 0:
+                # The first series is in the unit of time, and says nothing of the sizes in a step.
+                forget_first_floors(given.floors, work, layout)
             return Outcome.UNSCALED
         weigh(run.rtol, given.floors, weights, work, layout=layout)
     exponent = choose_exponent(run.rtol, digits, given.floors, weights, work, order, layout=layout)

@@ -117,6 +117,14 @@ def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: Ta
 
 
 @inline
+def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
+    """Set the floors of entries that are zero to the least."""
+    for i in each(layout.padded, **layout.loop):
+        before = floors[i]
+        floors[i] = LEAST_FLOOR if work[i] == 0.0 else before
+
+
+@inline
 def largest(values: Sequence[float]) -> float:
     """Return the largest size of several numbers."""
     result = values[0]
