@@ -10,6 +10,7 @@ import sympy
 from sympy import cos, sin
 
 import lagrange as lg
+from lagrange.trajectory.contact.history import ContactRun
 
 G = 9.81
 
@@ -59,6 +60,23 @@ def test_a_block_on_an_incline_stops_and_stays() -> None:
     assert run.t[np.argmax(run.contacts["floor"].mode == "sticking")] == pytest.approx(3 / slowing, abs=1e-12)
     assert run["x"][-1] == pytest.approx(9 / (2 * slowing), abs=1e-12)
     assert run["x_dot"][-1] == 0.0 and len(set(run["x"][run.contacts["floor"].mode == "sticking"])) == 1
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9])
+def test_the_work_of_friction_takes_few_points(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was integrated to round-off over all outputs at once: noise of a slip took all memory."""
+    run = block(0.3, 0.5, initial={"x_dot": 3.0}).run(0.4, t_eval=np.linspace(0.0, 0.4, 401)).require()
+    power, points, draw = ContactRun._power, [0], np.random.default_rng(1)
+
+    def noisy(self: ContactRun, times: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        points[0] += len(times)
+        return power(self, times) * (1 + noise * draw.normal(size=len(times)))
+
+    monkeypatch.setattr(ContactRun, "_power", noisy)
+    along = run._contact_run
+    assert along is not None
+    assert along.lost_at(run.t) == pytest.approx(0.5 * G * np.cos(0.3) * run["x"], rel=1e-8, abs=1e-12 + 1e-8 * noise)
+    assert points[0] < 200 * len(run.t)
 
 
 def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ GAUSS_POINTS = 12
 """Number of points of Gauss's rule on each interval between outputs: it is exact for polynomials of degree 23."""
 
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
-"""Most halvings of the intervals, and the relative difference of two results that ends them."""
+"""Most halvings of an interval, and the error relative to the energy of the whole run that ends them."""
 
 TIME, LOST, FRICTION = 0, 2, 3
 """Columns of impacts: the time, the energy that is lost, and the first friction impulse."""
@@ -178,21 +179,31 @@ class ContactRun:
             return np.zeros(len(times))
         ends = np.unique(np.concatenate([begins, times, [self.trajectory.span[0]]]))
         ends = ends[ends <= times.max()]
-        total = self._work(ends)
-        for _ in range(MOST_HALVINGS):
-            before, ends = total, np.sort(np.append(ends, (ends[1:] + ends[:-1]) / 2))
-            total = self._work(ends)
-            if np.abs(total[::2] - before).max() <= AGREEMENT * np.abs(total).max():
+        begin, end, which, before = ends[:-1], ends[1:], np.arange(len(ends) - 1), np.full(len(ends) - 1, np.inf)
+        works, whole = np.zeros(len(which)), self._work(begin, end)
+        # Errors of intervals are of either sign: their sum grows as the root of their number.
+        enough = AGREEMENT * np.abs(whole).sum() / math.sqrt(max(len(which), 1))
+        for left in reversed(range(MOST_HALVINGS)):
+            middle = (begin + end) / 2
+            first, second = self._work(begin, middle), self._work(middle, end)
+            error = np.abs(first + second - whole)
+            # An error that halving does not reduce is noise.
+            off = (error > enough) & (error < before / 4) & (left > 0)
+            np.add.at(works, which[~off], (first + second)[~off])
+            begin, end = np.append(begin[off], middle[off]), np.append(middle[off], end[off])
+            which, whole = np.tile(which[off], 2), np.append(first[off], second[off])
+            before = np.tile(error[off], 2)
+            if not len(which):
                 break
-        return np.asarray(np.interp(times, ends, total))
+        return np.asarray(np.interp(times, ends, np.append(0.0, np.cumsum(works))))
 
-    def _work(self, ends: FloatArray) -> FloatArray:
-        """Return the energy that friction takes up to each of some times (K,), by Gauss's rule between them."""
+    def _work(self, begin: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the energy that friction takes in each of some intervals (K,), by Gauss's rule."""
         nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-        halves, middles = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+        halves, middles = (end - begin) / 2, (begin + end) / 2
         times = (middles[:, None] + halves[:, None] * nodes).ravel()
         power = self._power(times).reshape(len(halves), GAUSS_POINTS)
-        return np.append(0.0, np.cumsum((power @ weights) * halves))
+        return np.asarray((power @ weights) * halves)
 
     def _power(self, times: FloatArray) -> FloatArray:
         """Return the power (K,) that sliding friction takes at some times."""
