@@ -113,7 +113,7 @@ class Flow:
         times = None
         if type(t0) is not float or type(t1) is not float or not math.isfinite(t1 - t0):
             t0 = real_number(t0, "the first time")
-            if isinstance(t1, (Sequence, np.ndarray)) and not isinstance(t1, str) and np.ndim(t1):
+            if t1.ndim if isinstance(t1, np.ndarray) else isinstance(t1, Sequence) and not isinstance(t1, (str, bytes)):
                 t1, times = self._last(t0, t1)
             else:
                 t1 = real_number(t1, "the last time")
