@@ -1,4 +1,4 @@
-"""What a procedure for many members is made of: statements on numbers and vectors, memory and variables."""
+"""Parts of a procedure for many members: statements on numbers and vectors, memory and variables."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ from lagrange.machine.llvm.operations import (
     together,
     type_of,
 )
-from lagrange.machine.llvm.processor import routines
+from lagrange.machine.llvm.processor import routines_called
 from lagrange.machine.llvm.sine_cosine import (
     angle_function,
     call_sine_and_cosine,
@@ -142,8 +142,9 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module of functions, with declarations and attributes."""
     angles = [angle_function(width) for width in WIDTHS if any(called_for_angles(width) in one for one in functions)]
-    called = [text for name, text in routines().items() if any(f"@{name}(" in one for one in functions)]
-    return "\n".join([declarations(), *declared, *called, *angles, *functions, METADATA, ATTRIBUTES])
+    return "\n".join(
+        [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
+    )
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:

@@ -1,10 +1,10 @@
-"""What this processor and its C library offer: the width of vectors, and functions on vectors."""
+"""Vectors of this processor: their width, and the functions of its C library on them."""
 
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 import llvmlite.binding as llvm
@@ -14,10 +14,13 @@ from lagrange.machine.llvm.operations import LIBRARY, declaration, type_of
 from lagrange.procedure.form import REAL
 from lagrange.program.program import ARITY
 
+ROUTINES = "_ZGV"
+"""Beginning of the names of vector routines in glibc."""
+
 
 @cache
 def start() -> None:
-    """Set up LLVM for this process: target, mathematics library and the linear solver."""
+    """Set up LLVM for this process: the target and the mathematics library."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     mathematics = ctypes.util.find_library("m")
@@ -47,7 +50,7 @@ def vector_routines() -> dict[str, str]:
     except OSError:
         return {}
     llvm.load_library_permanently("libmvec.so.1")
-    prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
+    prefix = ROUTINES + {8: "eN8", 4: "dN4", 2: "bN2"}[lanes()]
     names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{LIBRARY[op]}" for op in sorted(LIBRARY)}
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
@@ -70,7 +73,9 @@ def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
     return made
 
 
-@cache
-def routines() -> Mapping[str, str]:
-    """Return the declaration of each vector routine of the C library by its name."""
-    return {name: declaration(name, op, lanes()) for op, name in vector_routines().items()}
+def routines_called(texts: Sequence[str]) -> list[str]:
+    """Return the declarations of the vector routines of the C library that some IR texts call."""
+    if not any(f"@{ROUTINES}" in text for text in texts):
+        return []
+    names = vector_routines().items()
+    return [declaration(name, op, lanes()) for op, name in names if any(f"@{name}(" in text for text in texts)]
