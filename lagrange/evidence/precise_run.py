@@ -35,9 +35,6 @@ class NoValue(ArithmeticError):
     """Raised if an operation has no real, finite value."""
 
 
-VANISHING_PIVOT = 1e-16
-"""Pivots below this fraction of the largest entry need row exchanges; of 40 digits at least 24 are then left."""
-
 _context = cache(precise)
 
 
@@ -91,43 +88,21 @@ class _Evaluation:
         return value
 
     def factored(self, n: int, lower: Sequence[Any]) -> Any:
-        """Return the factors of L D L^T by rows, with D on the diagonal, or the inverse matrix if a pivot vanishes.
-
-        `lower` has the lower triangle of the symmetric n x n matrix by rows.
-        """
-        rows = [list(lower[i * (i + 1) // 2 : i * (i + 1) // 2 + i + 1]) for i in range(n)]
-        least = VANISHING_PIVOT * max(map(abs, lower))
-        for i, row in enumerate(rows):
-            scaled: Numbers = []
-            for j in range(i):
-                scaled.append(row[j] - sum(a * b for a, b in zip(scaled, rows[j], strict=False)))
-                row[j] = scaled[j] / rows[j][j]
-            row[i] -= sum(a * b for a, b in zip(scaled, row, strict=False))
-            if not abs(row[i]) > least:
-                return self.inverse(n, lower)
-        return rows
-
-    def inverse(self, n: int, lower: Sequence[Any]) -> Any:
-        """Return the inverse of a symmetric matrix, by elimination with pivoting."""
-        matrix = self.context.zeros(n)
+        """Return L U of a symmetric matrix (n, n) with its row exchanges. `lower` is its lower triangle by rows."""
+        matrix, entries = self.context.zeros(n), iter(lower)
         for i in range(n):
             for j in range(i + 1):
-                matrix[i, j] = matrix[j, i] = lower[i * (i + 1) // 2 + j]
+                matrix[i, j] = matrix[j, i] = next(entries)
         try:
-            return self.context.inverse(matrix)
+            return self.context.LU_decomp(matrix)
         except ZeroDivisionError as error:
             raise NoValue("a matrix is singular") from error
 
     def solved(self, factors: Any, right: Sequence[Any]) -> Numbers:
         """Return the solution of a linear system from the result of `factored`."""
-        if not isinstance(factors, list):
-            return list(factors * self.context.matrix(right))
-        x = list(right)
-        for i, row in enumerate(factors):
-            x[i] -= sum(a * b for a, b in zip(row[:i], x, strict=False))
-        for i in reversed(range(len(x))):
-            x[i] = x[i] / factors[i][i] - sum(factors[k][i] * x[k] for k in range(i + 1, len(x)))
-        return x
+        matrix, exchanges = factors
+        below = self.context.L_solve(matrix, self.context.matrix(right), exchanges)
+        return list(self.context.U_solve(matrix, below))
 
 
 @cache
