@@ -35,10 +35,7 @@ from lagrange.statement.units.dimension import (
     with_dimensions_of_rates,
 )
 from lagrange.statement.units.scale_check import with_scales
-
-MOST_PASSES = 20
-"""Most passes over a statement that infer unknown dimensions. A pass that finds none is the last."""
-
+from lagrange.statement.units.unit_equations import UnitEquations
 
 NO_UNIT = (
     " The numbers of a table have no unit: with parameters for the units of its points and values write "
@@ -118,8 +115,7 @@ def check_dimensions(
     Raises StatementError that names the first wrong term.
     """
     known = {t: named("second"), **dimensions}
-    _find(parts, known, whole=False)
-    _find(parts, known, whole=True)
+    _infer(parts, known)
     # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
     # check below names the wrong term.
     roots = [symbol for symbol, found in known.items() if symbol not in dimensions and not found.whole]
@@ -134,17 +130,20 @@ def check_dimensions(
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
     """Return the dimension of a checked expression, None if it is not known."""
-    return _Dimensions(dict(known)).dimension(expression)
+    return UnitEquations(known).dimension(expression)
 
 
-def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: bool) -> None:
-    """Infer dimensions of symbols from sums and arguments of functions; with `whole` also from required quantities."""
-    for _ in range(MOST_PASSES):
-        before = len(known)
-        for part in parts:
-            _Finder(known).visit(part.expression, part.wanted(known) if whole else None)
-        if len(known) == before:
-            return
+def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
+    """Add the dimensions of symbols that follow from sums, arguments of functions and required quantities."""
+    equations = UnitEquations(known)
+    for part in parts:
+        equations.unit(part.expression)
+    for part in parts:
+        equations.require(part)
+    for symbol in [node for node in equations.units if isinstance(node, (sympy.Symbol, AppliedUndef))]:
+        dimension = None if symbol in known else equations.dimension(symbol)
+        if dimension is not None:
+            known[symbol] = Dimension(dimension.exponents, None if dimension.exponents else 0.0)
 
 
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
@@ -162,103 +161,7 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
     return f"{has}; {where}it should be {wrong.wanted}." + (NO_UNIT if tables else "")
 
 
-class _Dimensions:
-    """Dimensions of expressions from those of their symbols; None if unknown, and for zero."""
-
-    def __init__(self, known: dict[Any, Dimension]) -> None:
-        self.known = known
-
-    def dimension(self, expression: Any) -> Dimension | None:
-        """Return the dimension of an expression; for a sum that of its first term with a known one."""
-        if expression in self.known:
-            return self.known[expression]
-        if expression.is_number:
-            return None if expression.is_zero else DIMENSIONLESS
-        if isinstance(expression, sympy.Derivative):
-            return self._rate(expression)
-        if expression.is_Mul:
-            return self._product(expression.args)
-        if expression.is_Pow:
-            return self._power(*expression.args)
-        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
-            return self._first(expression.args)
-        if table_range(expression) is not None:
-            return DIMENSIONLESS
-        if isinstance(expression, sympy.Piecewise):
-            return self._first([pair.expr for pair in expression.args])
-        if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
-            return None
-        return DIMENSIONLESS
-
-    def _first(self, terms: Sequence[Any]) -> Dimension | None:
-        return next((dimension for dimension in map(self.dimension, terms) if dimension is not None), None)
-
-    def _rate(self, derivative: Any) -> Dimension | None:
-        base, by = self.dimension(derivative.expr), self._product(derivative.variables)
-        return None if base is None or by is None else base * by ** Fraction(-1)
-
-    def _product(self, factors: Sequence[Any]) -> Dimension | None:
-        total = DIMENSIONLESS
-        for factor in factors:
-            dimension = self.dimension(factor)
-            if dimension is None:
-                return None
-            total = total * dimension
-        return total
-
-    def _power(self, base: Any, exponent: Any) -> Dimension | None:
-        dimension, power = self.dimension(base), number_of(exponent)
-        if dimension is None or power is None:
-            return DIMENSIONLESS if dimension is not None and not dimension.exponents else None
-        return dimension**power
-
-
-class _Finder(_Dimensions):
-    """Infers dimensions that were not stated from those of the other terms and factors."""
-
-    def visit(self, expression: Any, dimension: Dimension | None) -> None:
-        """Infer dimensions inside an expression whose dimension is given, or None if unknown."""
-        if dimension is None:
-            dimension = self.dimension(expression)
-        if isinstance(expression, (sympy.Symbol, AppliedUndef)):
-            if dimension is not None:
-                self.known.setdefault(expression, Dimension(dimension.exponents, None if dimension.exponents else 0.0))
-        elif isinstance(expression, sympy.Derivative):
-            by = self._product(expression.variables)
-            if dimension is not None and by is not None:
-                self.visit(expression.expr, dimension * by)
-        elif expression.is_Add or isinstance(expression, SAME_DIMENSION):
-            for term in expression.args:
-                self.visit(term, dimension)
-        elif expression.is_Mul:
-            self._factors(expression.args, dimension)
-        elif expression.is_Pow:
-            self._base(expression.base, expression.exp, dimension)
-        else:
-            for argument, wanted in inner_parts(expression, dimension):
-                self.visit(argument, wanted)
-
-    def _factors(self, factors: Sequence[Any], dimension: Dimension | None) -> None:
-        """Infer the dimension of a factor from that of the product, if all other factors are known."""
-        unknown = [factor for factor in factors if self.dimension(factor) is None]
-        for factor in factors:
-            if factor not in unknown:
-                self.visit(factor, None)
-        if dimension is None or len(unknown) != 1:
-            for factor in unknown:
-                self.visit(factor, None)
-            return
-        others = self._product([factor for factor in factors if factor not in unknown])
-        self.visit(unknown[0], None if others is None else dimension * others ** Fraction(-1))
-
-    def _base(self, base: Any, exponent: Any, dimension: Dimension | None) -> None:
-        power = number_of(exponent)
-        self.visit(base, dimension ** (1 / power) if power and dimension is not None else None)
-        if power is None:
-            self.visit(exponent, DIMENSIONLESS)
-
-
-class _Checker(_Dimensions):
+class _Checker(UnitEquations):
     """Finds the first term with a wrong dimension. `wanted` is the required dimension, or None for any."""
 
     def check(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
@@ -319,7 +222,7 @@ class _Checker(_Dimensions):
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         """Return the dimension of a product. A sum in it must have the wanted one over that of the other factors."""
         for factor in expression.args:
-            others = self._product([other for other in expression.args if other is not factor])
+            others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
             if factor.is_Pow:
                 self._powered(factor.base, factor.exp, left)

@@ -1,84 +1,26 @@
-"""Check that the units of a statement fit together: every expression must have the required scale.
+"""Check that the units of a statement fit together: terms of a sum have equal factors of their units.
 
-Dimensions have been checked before. The scale of an expression is the logarithm of the factor of its unit. Symbols
-without a stated unit have unknown scales, and so have energies, positions and constraints. A force on q has the
-scale of an energy over q, and a dissipation that of an energy over time. Terms of a sum have equal scales, and
-arguments of functions have the scale of a number.
-
-The scale of a unit is a linear form: logarithms of factors, some of them unknown. Equations between scales are linear,
-and each is solved for one unknown when it is stated.
+Dimensions have been checked before. Symbols without a stated unit have unknown factors, and so have energies, positions
+and constraints. A force on q has the unit of an energy over q, and a dissipation that of an energy over time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import Any
 
-import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.given.motion import table_range
 from lagrange.statement.parameters import label_of
-from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
+from lagrange.statement.units.checked_part import CheckedPart, in_short
 from lagrange.statement.units.dimension import BASE, SAME_FACTOR, Dimension, named, read_dimension, units_in
-
-
-@dataclass(frozen=True)
-class Scale:
-    """The logarithm of a factor: a constant plus multiples of unknowns, without zero multiples."""
-
-    constant: float = 0.0
-    unknowns: Mapping[Any, Fraction] = field(default_factory=dict)
-
-    @classmethod
-    def of_unknown(cls, unknown: Any) -> Scale:
-        """Return the scale that equals an unknown."""
-        return cls(0.0, {unknown: Fraction(1)})
-
-    def plus(self, other: Scale, times: Fraction = Fraction(1)) -> Scale:
-        """Return the sum of this scale and a multiple of another one."""
-        unknowns = dict(self.unknowns)
-        for unknown, coefficient in other.unknowns.items():
-            unknowns[unknown] = unknowns.get(unknown, Fraction(0)) + times * coefficient
-        left = {unknown: coefficient for unknown, coefficient in unknowns.items() if coefficient}
-        return Scale(self.constant + float(times) * other.constant, left)
-
-    def minus(self, other: Scale) -> Scale:
-        """Return the difference of two scales."""
-        return self.plus(other, Fraction(-1))
-
-
-class ScaleEquations:
-    """Equations between scales; `solved` has the unknowns that they determine."""
-
-    def __init__(self) -> None:
-        self.solved: dict[Any, Scale] = {}
-
-    def reduced(self, scale: Scale) -> Scale:
-        """Return a scale with its determined unknowns replaced."""
-        while True:
-            known = next((unknown for unknown in scale.unknowns if unknown in self.solved), None)
-            if known is None:
-                return scale
-            coefficient = scale.unknowns[known]
-            scale = scale.plus(self.solved[known].minus(Scale.of_unknown(known)), coefficient)
-
-    def equate(self, one: Scale, other: Scale) -> float | None:
-        """State that two scales are equal. Return None, or the logarithm of their ratio if they contradict."""
-        difference = self.reduced(one.minus(other))
-        if not difference.unknowns:
-            return None if abs(difference.constant) <= SAME_FACTOR else difference.constant
-        unknown, coefficient = next(iter(difference.unknowns.items()))
-        rest = difference.plus(Scale.of_unknown(unknown), -coefficient)
-        self.solved[unknown] = Scale().plus(rest, -1 / coefficient)
-        return None
-
+from lagrange.statement.units.unit_equations import OtherUnitError, UnitEquations
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}
 """Base units of N, J, W and other units of the SI."""
@@ -92,20 +34,11 @@ LARGEST = 700.0
 FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
 """The remedy for units that do not fit together."""
 
-
 MOST_TRIED = 12
 """Most symbols of which another unit is tried as a remedy. Each takes the time of one check."""
 
 MOST_REMEDIES, MOST_NAMED = 2, 4
 """Most remedies, and most stated units, that a message lists."""
-
-
-class OtherUnitError(Exception):
-    """A term in another unit than required; `ratio` is the logarithm of its unit over the required one."""
-
-    def __init__(self, term: Any, ratio: float) -> None:
-        super().__init__()
-        self.term, self.ratio = term, ratio
 
 
 def with_scales(
@@ -116,16 +49,16 @@ def with_scales(
     `plain` maps functions to symbols for messages. Raises StatementError for a term in another unit than required, and
     for a symbol whose unit would not be a product of the stated base units.
     """
-    scales = _UnitScales(dimensions)
+    equations = UnitEquations(dimensions, strict=True)
     for part in parts:
         try:
-            scales.check(part)
+            equations.require(part)
         except OtherUnitError as wrong:
             raise StatementError(
                 f"{part.what} has the term {in_short(wrong.term, plain)} in other units than the terms it is compared "
                 f"with, {_factor(wrong.ratio)} times theirs: {_remedy(parts, dimensions, wrong.term)}"
             ) from None
-    completed = {symbol: scales.completed(symbol, dimension) for symbol, dimension in dimensions.items()}
+    completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in dimensions.items()}
     _check_found([dimension for dimension in dimensions.values() if dimension.unit], completed)
     return completed
 
@@ -149,13 +82,13 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], t
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
     """Return the unit of a symbol that fits the units of all other symbols, or an empty text."""
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
-    scales = _UnitScales(others)
+    equations = UnitEquations(others, strict=True)
     try:
         for part in parts:
-            scales.check(part)
+            equations.require(part)
     except OtherUnitError:
         return ""
-    factor = scales.completed(symbol, others[symbol]).factor
+    factor = _completed(equations, symbol, others[symbol]).factor
     exponents = dimensions[symbol].exponents
     if not exponents:
         return "rad"
@@ -169,111 +102,10 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
     return text if away <= SAME_FACTOR else ""
 
 
-class _UnitScales:
-    """Scales of expressions, each found once, and the equations that follow from sums and functions."""
-
-    def __init__(self, dimensions: Mapping[Any, Dimension]) -> None:
-        self.dimensions = dimensions
-        self.equations = ScaleEquations()
-        self.known: dict[Any, Scale | None] = {}
-
-    def check(self, part: CheckedPart) -> None:
-        """Equate the scale of an expression with the required one. Raises OtherUnitError for a contradiction."""
-        scale = self.scale(part.expression)
-        if scale is None:
-            return
-        if part.like is None:
-            return
-        required = Scale.of_unknown(part.like) if isinstance(part.like, str) else self.scale(part.like)
-        if part.per is not None:
-            over = self.scale(part.per)
-            required = None if required is None or over is None else required.minus(over)
-        if required is not None:
-            self._equate(sympy.Add.make_args(part.expression)[0], scale, required)
-
-    def completed(self, symbol: Any, dimension: Dimension) -> Dimension:
-        """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
-        scale = self.scale(symbol)
-        reduced = None if scale is None else self.equations.reduced(scale)
-        factor = None if reduced is None or reduced.unknowns else reduced.constant
-        return Dimension(dimension.exponents, factor, dimension.unit)
-
-    def scale(self, expression: Any) -> Scale | None:
-        """Return the scale of an expression, None for zero, which fits every scale."""
-        if expression not in self.known:
-            self.known[expression] = self._scale(expression)
-        return self.known[expression]
-
-    def _scale(self, expression: Any) -> Scale | None:
-        if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
-            return self._symbol(expression)
-        if expression.is_number:
-            return None if expression.is_zero else Scale()
-        if isinstance(expression, sympy.Derivative):
-            return self._sum([(expression.expr, Fraction(1)), *((by, Fraction(-1)) for by in expression.variables)])
-        if expression.is_Mul:
-            return self._sum([(factor, Fraction(1)) for factor in expression.args])
-        if expression.is_Pow:
-            return self._power(expression.base, expression.exp)
-        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
-            return self._equal(expression.args)
-        return self._function(expression)
-
-    def _symbol(self, symbol: Any) -> Scale:
-        dimension = self.dimensions.get(symbol)
-        if dimension is None or (dimension.factor is None and dimension.exponents):
-            return Scale.of_unknown(symbol)
-        return Scale(dimension.factor or 0.0)
-
-    def _sum(self, factors: Sequence[tuple[Any, Fraction]]) -> Scale | None:
-        """Return the scale of a product of powers."""
-        total = Scale()
-        for factor, power in factors:
-            scale = self.scale(factor)
-            if scale is None:
-                return None
-            total = total.plus(scale, power)
-        return total
-
-    def _power(self, base: Any, exponent: Any) -> Scale | None:
-        power = number_of(exponent)
-        if power is not None:
-            return self._sum([(base, power)])
-        self._number(exponent)
-        self._number(base)
-        return Scale()
-
-    def _equal(self, terms: Sequence[Any]) -> Scale | None:
-        """Return the common scale of terms, after equating their scales; None if all terms are zero."""
-        first = None
-        for term in terms:
-            scale = self.scale(term)
-            if first is not None and scale is not None:
-                self._equate(term, scale, first)
-            first = scale if first is None else first
-        return first
-
-    def _function(self, expression: Any) -> Scale | None:
-        """Return the scale of a function or a Piecewise."""
-        for argument, dimension in inner_parts(expression, None):
-            if dimension is None:
-                self.scale(argument)
-            else:
-                self._number(argument)
-        if isinstance(expression, sympy.Piecewise) and table_range(expression) is None:
-            return self._equal([pair.expr for pair in expression.args])
-        return Scale()
-
-    def _number(self, expression: Any) -> None:
-        """Equate the scale of an expression with that of a number."""
-        scale = self.scale(expression)
-        if scale is not None:
-            self._equate(sympy.Add.make_args(expression)[0], scale, Scale())
-
-    def _equate(self, term: Any, one: Scale, other: Scale) -> None:
-        ratio = self.equations.equate(one, other)
-        if ratio is not None:
-            raise OtherUnitError(term, ratio)
+def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
+    """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
+    found = equations.dimension(symbol)
+    return replace(dimension, factor=None if found is None else found.factor)
 
 
 def _factor(logarithm: float) -> str:

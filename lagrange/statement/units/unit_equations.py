@@ -1,0 +1,186 @@
+"""Units of expressions as products of powers, some of them unknown, and the equations that sums and functions state.
+
+Terms of a sum have equal units, and arguments of functions have the unit of a number. Logarithms make these equations
+linear. Each is solved for one unknown when it is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.statement.given.motion import table_range
+from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, inner_parts, number_of
+from lagrange.statement.units.dimension import SAME_FACTOR, Dimension, named
+
+
+class Factor(NamedTuple):
+    """The unknown factor of the unit of a symbol, or of a required quantity such as "energy"."""
+
+    of: Any
+
+
+@dataclass(frozen=True)
+class UnitProduct:
+    """A unit: a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
+
+    `powers` has the exponent of each base dimension by name, of each symbol without a known dimension, and of each
+    `Factor`. `logarithm` is the natural logarithm of the known factor.
+    """
+
+    powers: Mapping[Any, Fraction] = field(default_factory=dict)
+    logarithm: float = 0.0
+
+    @classmethod
+    def of(cls, dimension: Dimension, owner: Any) -> UnitProduct:
+        """Return the unit of a dimension. Without a known factor that of `owner` is unknown."""
+        powers: dict[Any, Fraction] = dict(dimension.exponents)
+        if dimension.factor is None and powers:
+            powers[Factor(owner)] = Fraction(1)
+        return cls(powers, dimension.factor or 0.0)
+
+    def times(self, other: UnitProduct, power: Fraction = Fraction(1)) -> UnitProduct:
+        """Return the product of this unit and a power of another one."""
+        powers = dict(self.powers)
+        for name, exponent in other.powers.items():
+            powers[name] = powers.get(name, Fraction(0)) + power * exponent
+        left = {name: exponent for name, exponent in powers.items() if exponent}
+        return UnitProduct(left, self.logarithm + float(power) * other.logarithm)
+
+    def unknown(self, kind: type) -> Any:
+        """Return an unknown of a kind, a symbol or a `Factor`, or None."""
+        return next((name for name in self.powers if isinstance(name, kind)), None)
+
+
+class OtherUnitError(Exception):
+    """A term in another unit than required; `ratio` is the logarithm of its unit over the required one."""
+
+    def __init__(self, term: Any, ratio: float) -> None:
+        super().__init__()
+        self.term, self.ratio = term, ratio
+
+
+class UnitEquations:
+    """The units of expressions, each found once, and the unknowns that equations have determined.
+
+    `dimensions` are the known ones by symbol. Contradictions are ignored: the first equation decides. If `strict`, a
+    term in another unit raises OtherUnitError.
+    """
+
+    def __init__(self, dimensions: Mapping[Any, Dimension], *, strict: bool = False) -> None:
+        self.dimensions, self.strict = dimensions, strict
+        self.solved: dict[Any, UnitProduct] = {}
+        self.units: dict[Any, UnitProduct | None] = {}
+
+    def require(self, part: CheckedPart) -> None:
+        """Equate the unit of an expression with the required one."""
+        unit = self.unit(part.expression)
+        if unit is None or part.like is None:
+            return
+        required = UnitProduct.of(named(part.like), part.like) if isinstance(part.like, str) else self.unit(part.like)
+        over = UnitProduct() if part.per is None else self.unit(part.per)
+        if required is not None and over is not None:
+            required = required.times(over, Fraction(-1))
+            self._equate(sympy.Add.make_args(part.expression)[0], unit, required)
+
+    def dimension(self, expression: Any) -> Dimension | None:
+        """Return the dimension of an expression, None if it is undetermined, and for zero."""
+        unit = self.unit(expression)
+        unit = None if unit is None else self._reduced(unit)
+        if unit is None or unit.unknown(sympy.Basic) is not None:
+            return None
+        exponents = {name: power for name, power in unit.powers.items() if isinstance(name, str)}
+        return Dimension.of(exponents, None if unit.unknown(Factor) is not None else unit.logarithm)
+
+    def unit(self, expression: Any) -> UnitProduct | None:
+        """Return the unit of an expression, None for zero, which fits every unit."""
+        if expression not in self.units:
+            self.units[expression] = self._unit(expression)
+        return self.units[expression]
+
+    def _unit(self, expression: Any) -> UnitProduct | None:
+        if expression in self.dimensions:
+            return UnitProduct.of(self.dimensions[expression], expression)
+        if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
+            return UnitProduct({expression: Fraction(1)})
+        if expression.is_number:
+            return None if expression.is_zero else UnitProduct()
+        if isinstance(expression, sympy.Derivative):
+            return self._product([(expression.expr, Fraction(1)), *((by, Fraction(-1)) for by in expression.variables)])
+        if expression.is_Mul:
+            return self._product([(factor, Fraction(1)) for factor in expression.args])
+        if expression.is_Pow:
+            return self._power(expression.base, expression.exp)
+        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
+            return self._common(expression.args)
+        return self._function(expression)
+
+    def _product(self, factors: Sequence[tuple[Any, Fraction]]) -> UnitProduct | None:
+        """Return the unit of a product of powers."""
+        total = UnitProduct()
+        for factor, power in factors:
+            unit = self.unit(factor)
+            if unit is None:
+                return None
+            total = total.times(unit, power)
+        return total
+
+    def _power(self, base: Any, exponent: Any) -> UnitProduct | None:
+        power = number_of(exponent)
+        if power is not None:
+            return self._product([(base, power)])
+        self._number(exponent)
+        self._number(base)
+        return UnitProduct()
+
+    def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
+        """Return the common unit of terms, after equating their units; None if all terms are zero."""
+        first = None
+        for term in terms:
+            unit = self.unit(term)
+            if first is not None and unit is not None:
+                self._equate(term, unit, first)
+            first = unit if first is None else first
+        return first
+
+    def _function(self, expression: Any) -> UnitProduct | None:
+        """Return the unit of a function or a Piecewise."""
+        for argument, dimension in inner_parts(expression, None):
+            if dimension is None:
+                self.unit(argument)
+            else:
+                self._number(argument)
+        if isinstance(expression, sympy.Piecewise) and table_range(expression) is None:
+            return self._common([pair.expr for pair in expression.args])
+        return UnitProduct()
+
+    def _number(self, expression: Any) -> None:
+        """Equate the unit of an expression with that of a number."""
+        unit = self.unit(expression)
+        if unit is not None:
+            self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct())
+
+    def _reduced(self, unit: UnitProduct) -> UnitProduct:
+        """Return a unit with its determined unknowns replaced."""
+        while (known := next((name for name in unit.powers if name in self.solved), None)) is not None:
+            power = unit.powers[known]
+            unit = unit.times(UnitProduct({known: power}), Fraction(-1)).times(self.solved[known], power)
+        return unit
+
+    def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct) -> None:
+        """State that two units are equal. `term` is named in the error of a strict check."""
+        ratio = self._reduced(unit.times(other, Fraction(-1)))
+        unknown = ratio.unknown(sympy.Basic)
+        if unknown is None and ratio.unknown(str) is None:
+            unknown = ratio.unknown(Factor)
+            if unknown is None and self.strict and abs(ratio.logarithm) > SAME_FACTOR:
+                raise OtherUnitError(term, ratio.logarithm)
+        if unknown is not None:
+            power = ratio.powers[unknown]
+            rest = ratio.times(UnitProduct({unknown: power}), Fraction(-1))
+            self.solved[unknown] = UnitProduct().times(rest, -1 / power)
