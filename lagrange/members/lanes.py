@@ -16,9 +16,9 @@ from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.members.along import Sampled, table_of_points
-from lagrange.algorithm.members.occurrences import Events
+from lagrange.algorithm.members.occurrences import TaylorEvents
 from lagrange.algorithm.members.paths import MemberDenseOutput
-from lagrange.algorithm.members.queue import COUNTED, Members, Observed, SystemNumbers
+from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.step_review import StepEvents
 from lagrange.algorithm.members.steps import StepMembers
 from lagrange.algorithm.members.taylor import TaylorMembers
@@ -30,7 +30,7 @@ from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.memory import SIZES
-from lagrange.equations.euler_lagrange import StateLayout, node_of
+from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
 from lagrange.machine.event_memory import EventMemory
@@ -39,8 +39,7 @@ from lagrange.machine.step_events import Reaction
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run as interpret
 from lagrange.procedure.rewrite import Pruner
 from lagrange.program.actions import LAWS
@@ -142,7 +141,8 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     prepared = PreparedLayout.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
-    observed = _observed(kernels, model.layout)
+    observing = energy_and_momenta.form(energy=kernels["energy"], momenta=kernels["momenta"])
+    observed = Observed(observing, 1 + len(model.layout.rates))
     sampled = None
     if nodes:
         reductions = tuple((one.how, different.index(node)) for one, node in zip(wanted.reductions, nodes, strict=True))
@@ -150,7 +150,7 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
         sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
     read: dict[str, Any] = {"points": table_of_points()}
     parameters = len(model.statement.parameters)
-    members: Members
+    members: MemberMethod
     if isinstance(plan, TaylorPlan):
         series = TaylorProcedures(plan.series.program, prepared.size, watches=wanted.watched is not None)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
@@ -179,12 +179,12 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     return Compiled(code, made, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events)
 
 
-def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> Events:
+def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
     """Return the description of the event functions for the code of members."""
     program = plan.series.program
     changing = any(one.terminal for one in watched.reactions)
     flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
-    return Events(values, len(watched.reactions), watched.events, changing=changing, **flags)
+    return TaylorEvents(values, len(watched.reactions), watched.events, changing=changing, **flags)
 
 
 def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
@@ -192,16 +192,6 @@ def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
     if single_operations(series.packing, order) > MOST_WRITTEN_OUT:
         return ByOrderJet(series.single, series.numbers)
     return WrittenJet(series.single, series.numbers, order)
-
-
-def _observed(kernels: Mapping[str, Procedure], layout: StateLayout) -> Observed:
-    """Return the procedure that computes the energy and the momenta of a state."""
-    p = Builder("observed", "The energy and the momenta.")
-    t, y = p.given("t", REAL), p.array("y", size=layout.size, read=True)
-    held, out = p.array("p", read=True), p.array("out", size=1 + len(layout.rates))
-    singular = p.call(kernels["energy"], t, y, held, out)
-    p.leave(singular | p.call(kernels["momenta"], t, y, held, out.at(1)))
-    return Observed(p.finish(FLAG), 1 + len(layout.rates))
 
 
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()

@@ -274,6 +274,11 @@ class RecordFields:
         kind = self._checked(name)
         self._builder.add(Write(self.ref, name, self._builder.operand(value, kind)))
 
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the fields."""
+        record: Record = self.__dict__["_record"]
+        return tuple(record.places)
+
     def kind_of(self, name: str) -> Kind:
         """Return the kind of a field."""
         return self._checked(name)

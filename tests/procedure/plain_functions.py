@@ -16,6 +16,7 @@ from lagrange.procedure.front.vocabulary import (
     Readable,
     WholesOut,
     Writable,
+    clear,
     each,
     fma,
     larger,
@@ -198,8 +199,10 @@ def arithmetic(k: int, m: int, x: float) -> tuple[int, int, int, int, float]:
 
 @procedure
 def scratch(n: int, a: In, out: Out) -> int:
-    """Use local arrays and a local record."""
+    """Use local arrays and a local record, which is cleared."""
     work, places, kept = reals(4), wholes(4), Counter()
+    kept.count = n
+    clear(kept)
     for i in unrolled(4):
         work[i] = a[i] + float(i)
         places[i] = 3 - i

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -20,13 +19,11 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.members.extremum import ExpressionOnStep, expression_type, largest_between
-from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, fma, generated, larger, magnitude, reals, unlikely, unrolled
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Memory, Real, Whole
 
 SAMPLE_POINTS = 9
 """Number of sample points on a step.
@@ -84,122 +81,125 @@ class SampledStep:
     `memory` has the coefficients of the polynomial, and `degree` its degree; `y` is the state at the end.
     """
 
-    t: Real
-    end: Real
-    h: Real
-    ratio: Real
-    memory: Memory
-    y: Memory
-    degree: Whole
+    t: float
+    end: float
+    h: float
+    ratio: float
+    memory: In
+    y: In
+    degree: int
 
 
-class Along:
-    """The reductions of a member's expressions, in memory of a procedure."""
+@dataclass(frozen=True)
+class Reduced:
+    """Memory for the reductions of a member's expressions: their values now, and at the end of the sampled step.
 
-    def __init__(
-        self, p: Builder, sampled: Sampled, path: Procedure, points: Memory, numbers: Memory, dimension: int
-    ) -> None:
-        self.p, self.sampled, self.points, self.numbers = p, sampled, points, numbers
-        self.procedure = follow_step.form(sampled=sampled, path=path, dimension=dimension)
-        count, size = len(sampled.reductions), sampled.size
-        self.now, self.ahead = p.reserve(size, name="now"), p.reserve(size, name="ahead")
-        self.found, self.tried, self.lost = (p.reserve(count, name=name) for name in ("found", "tried", "lost"))
-        self.start = p.variable(0.0, "start")
+    For each reduction there are the result so far, the result with the sampled step, and the rounding error of a sum.
+    """
 
-    def begin(self, t: Real, y: Memory) -> None:
+    now: Out
+    ahead: Out
+    best: Out
+    tried: Out
+    lost: Out
+
+
+@dataclass(frozen=True, eq=False)
+class AlongRun:
+    """The reductions of a member's expressions along its run, whose `path` is its dense output; see `PATH`."""
+
+    sampled: Sampled
+    path: Procedure
+    dimension: int
+
+    @property
+    def reductions(self) -> int:
+        """Number of reductions."""
+        return len(self.sampled.reductions)
+
+    @inline
+    def memory(self) -> Reduced:
+        """Return memory for the reductions."""
+        size, count = self.sampled.size, len(self.sampled.reductions)
+        return Reduced(reals(size), reals(size), reals(count), reals(count), reals(count))
+
+    @inline
+    def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
         """Initialize with the values at the start of a member."""
-        p = self.p
-        singular = p.call(self.sampled.kernel, t, y, self.numbers, self.now)
-        self.start.value = t
-        for place in range(self.sampled.size):
-            self.now[place] = p.choose(singular, math.nan, self.now[place])
+        is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
+        for place in unrolled(self.sampled.size):
+            value = reduced.now[place]
+            reduced.now[place] = math.nan if is_singular else value
         for k, (how, place) in enumerate(self.sampled.reductions):
-            value = self.now[place]
+            value = reduced.now[place]
             signed = value * SIGNS.get(how, 1.0)
-            self.found[k] = 0.0 if how == "mean" else p.choose(value.equals(value), signed, -math.inf)
-            self.lost[k] = 0.0
+            reduced.best[k] = 0.0 if how == "mean" else signed if value == value else -math.inf
+            reduced.lost[k] = 0.0
 
-    def follow(self, step: SampledStep) -> None:
+    @inline
+    def follow(self, reduced: Reduced, step: SampledStep, numbers: In, points: In) -> None:
         """Sample the expressions on a step, which counts only when it is accepted."""
-        p = self.p
-        given: dict[str, Any] = {
-            "t": step.t,
-            "end": step.end,
-            "h": step.h,
-            "ratio": step.ratio,
-            "coefficients": step.memory,
-        }
-        given |= {"numbers": self.numbers, "points": self.points, "y": step.y, "now": self.now, "found": self.found}
-        given |= {"degree": step.degree, "ahead": self.ahead, "tried": self.tried}
-        p.call(self.procedure, *(given[one.name] for one in self.procedure.parameters))
+        follow_step(step, numbers, points, reduced, sampled=self.sampled, path=self.path, dimension=self.dimension)
 
-    def accept(self) -> None:
+    @inline
+    def accept(self, reduced: Reduced) -> None:
         """Commit the values of the sampled step."""
-        for place in range(self.sampled.size):
-            self.now[place] = self.ahead[place]
+        for place in unrolled(self.sampled.size):
+            reduced.now[place] = reduced.ahead[place]
         for k, (how, _) in enumerate(self.sampled.reductions):
             if how == "mean":
-                self.found[k], self.lost[k] = compensated(self.found[k], self.tried[k] + self.lost[k])
+                reduced.best[k], reduced.lost[k] = compensated(reduced.best[k], reduced.tried[k] + reduced.lost[k])
             else:
-                self.found[k] = self.tried[k]
+                reduced.best[k] = reduced.tried[k]
 
-    def write(self, end: Real, to: Memory) -> None:
-        """Write the reductions of a member that ends at a time."""
-        p, duration = self.p, end - self.start.value
+    @inline
+    def write(self, reduced: Reduced, duration: float, to: Out) -> None:
+        """Write the reductions of a member after a run of some duration."""
         for k, (how, place) in enumerate(self.sampled.reductions):
+            value = reduced.best[k]
             if how == "mean":
-                mean = self.found[k] / p.choose(duration.equals(0.0), 1.0, duration)
-                to[k] = p.choose(duration.equals(0.0), self.now[place], mean)
+                now = reduced.now[place]
+                to[k] = now if duration == 0.0 else value / (1.0 if duration == 0.0 else duration)
             else:
-                none = self.found[k].equals(-math.inf)
-                to[k] = p.choose(none, math.nan, self.found[k] * SIGNS[how])
+                to[k] = math.nan if value == -math.inf else value * SIGNS[how]
 
 
 @procedure
 def follow_step(
-    t: float,
-    end: float,
-    h: float,
-    ratio: float,
-    coefficients: In,
+    step: SampledStep,
     numbers: In,
     points: In,
-    y: In,
-    now: In,
-    found: In,
-    degree: int,
-    ahead: Out,
-    tried: Out,
+    reduced: Reduced,
     *,
     sampled: Sampled,
     path: Procedure,
     dimension: int,
 ) -> None:
-    """Sample expressions on a step from t to `end`, at whose end the state is `y`.
+    """Sample expressions on a step, and write their values at its end, `ahead`.
 
-    Write their values at the end, `ahead`, and for each reduction `tried`: the integral over the step, or the largest
-    value so far. `now` are the values at the beginning, and `found` the largest values of the steps before. `points`
-    are those of Lobatto's rule and then its weights.
+    For each reduction write `tried`: the integral over the step, or the largest value so far. `points` are those of
+    Lobatto's rule and then its weights.
     """
-    size = sampled.size
+    t, h, degree, size = step.t, step.h, step.degree, sampled.size
     samples, state, there = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
     for j in range(1, SAMPLE_POINTS - 1):
-        generated(path, points[j], ratio, coefficients, state, degree)
+        generated(path, points[j], step.ratio, step.memory, state, degree)
         is_singular = generated(sampled.kernel, fma(h, points[j], t), state, numbers, there)
         for place in unrolled(size):
             samples[j + place * SAMPLE_POINTS] = math.nan if is_singular else there[place]
-    ends_singular = generated(sampled.kernel, end, y, numbers, there)
+    ends_singular = generated(sampled.kernel, step.end, step.y, numbers, there)
     for place in unrolled(size):
-        ahead[place] = math.nan if ends_singular else there[place]
-        samples[place * SAMPLE_POINTS] = now[place]
-        samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = ahead[place]
+        reduced.ahead[place] = math.nan if ends_singular else there[place]
+        samples[place * SAMPLE_POINTS] = reduced.now[place]
+        samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = reduced.ahead[place]
     for k, (how, place) in enumerate(sampled.reductions):
-        own = samples[place * SAMPLE_POINTS :]
+        values = samples[place * SAMPLE_POINTS :]
         if how == "mean":
-            tried[k] = h * integral(own, points[SAMPLE_POINTS:])
+            reduced.tried[k] = h * integral(values, points[SAMPLE_POINTS:])
         else:
-            search, step = search_on_step(sampled, path, dimension), (t, h, ratio, place, coefficients, numbers, degree)
-            tried[k] = generated(search, *step, SIGNS[how], found[k], own, points)
+            search = search_on_step(sampled, path, dimension)
+            along = t, h, step.ratio, place, step.memory, numbers, degree
+            reduced.tried[k] = generated(search, *along, SIGNS[how], reduced.best[k], values, points)
 
 
 @inline

@@ -12,11 +12,22 @@ from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.taylor.memory import SIZES, TaylorLayout
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, WATCH, due_part, scratch_sizes
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Procedure
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.algorithm.taylor.memory import Sizes, TaylorLayout, TaylorState
+from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, Watch, Watched, due_part, scratch_sizes
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesIn,
+    WholesOut,
+    clear,
+    each,
+    reals,
+    unlikely,
+    unrolled,
+    wholes,
+)
 
 ENDED_BY_EVENT = len(Outcome)
 """Code in addition to the outcomes: an event ended the member."""
@@ -26,10 +37,10 @@ MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 
 
 @dataclass(frozen=True)
-class Events:
+class TaylorEvents:
     """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
-    `values` evaluates all from a time, a state and the numbers of the system. See `WATCH` for the flags.
+    `values` evaluates all from a time, a state and the numbers of the system. See `Watch` for the flags.
     """
 
     values: Procedure
@@ -40,104 +51,134 @@ class Events:
     steep: bool
 
 
+@dataclass(frozen=True)
+class OccurrenceArrays:
+    """Results of the search for events: the times and states of the first `most` occurrences of each event."""
+
+    most: int
+    occurrence_times: Out
+    occurrence_states: Out
+
+
+@dataclass(frozen=True)
 class FirstOccurrences:
-    """The first occurrences of `kept` events of each member, at most `most` of each; adds the result arrays."""
+    """The first occurrences of `kept` events of each member, for states of a `dimension`."""
 
-    def __init__(self, p: Builder, kept: int, dimension: int) -> None:
-        self.p, self.kept, self.dimension = p, kept, dimension
-        self.most: Whole = p.given("most", WHOLE)
-        self.all_times, self.all_states = p.array("occurrence_times"), p.array("occurrence_states")
+    kept: int
+    dimension: int
 
-    def reserve_counts(self) -> None:
-        """Reserve memory, after all parameters have been added."""
-        self.seen = self.p.reserve(max(self.kept, 1), WHOLE, name="seen")
+    @inline
+    def memory(self) -> WholesOut:
+        """Return memory for the number of occurrences of each event."""
+        return wholes(max(self.kept, 1))
 
-    def forget(self) -> None:
+    @inline
+    def begin(self, seen: WholesOut) -> None:
         """Reset the counts at the start of a member."""
-        for place in range(self.kept):
-            self.seen[place] = 0
+        for place in unrolled(self.kept):
+            seen[place] = 0
 
-    def keep(self, member: Whole, place: Whole, t: Real, state: Memory) -> None:
-        """Store an occurrence of an event, if it is among the first `most`."""
-        p, n = self.p, self.dimension
-        number = self.seen[p.smaller(place, max(self.kept - 1, 0))]
-        with p.when((place < self.kept) & (number < self.most)):
-            slot = (member * self.kept + place) * self.most + number
-            self.all_times[slot] = t
-            target = self.all_states.at(slot * n)
-            with p.each(n, width=1) as i:
+    @inline
+    def keep(self, arrays: Any, seen: WholesOut, index: int, place: int, t: float, state: In) -> None:
+        """Store an occurrence of an event of a member, if it is among the first."""
+        number = seen[min(place, max(self.kept - 1, 0))]
+        if place < self.kept and number < arrays.most:
+            slot = (index * self.kept + place) * arrays.most + number
+            arrays.occurrence_times[slot] = t
+            target = arrays.occurrence_states[slot * self.dimension :]
+            for i in each(self.dimension, width=1):
                 target[i] = state[i]
-            self.seen[place] = number + 1
+            seen[place] = number + 1
 
 
-class MemberOccurrences(FirstOccurrences):
-    """Search for the events of a member, in memory of a procedure, to which it adds its parameters."""
+@dataclass(frozen=True)
+class SearchArguments(OccurrenceArrays):
+    """Arguments of the search for events on Taylor steps; see `Watched`."""
 
-    def __init__(self, p: Builder, events: Events, dimension: int) -> None:
-        super().__init__(p, events.events, dimension)
-        self.events = events
-        self.sizes = p.record("sizes", SIZES)
-        self.settings, self.tilts = p.array("settings", WHOLE, read=True), p.array("tilts", read=True)
+    sizes: Sizes
+    settings: WholesIn
+    tilts: In
 
-    def reserve(self, layout: TaylorLayout) -> None:
-        """Reserve memory, after all parameters have been added."""
-        p, count, n = self.p, self.events.count, self.dimension
-        reals, wholes = scratch_sizes(count, n)
-        self.record: Any = p.reserve_record(WATCH)
-        self.sides = p.reserve(2 * SIDES * count, WHOLE, name="sides")
-        self.times, self.states = (
-            p.reserve(MEMBER_EVENT_ROOM, name="event_times"),
-            p.reserve(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR, name="event_states"),
-        )
-        self.places = p.reserve(MEMBER_EVENT_ROOM, WHOLE, name="event_places")
-        self.unused = p.reserve(1, WHOLE, name="unused")
-        self.scratch = p.reserve(reals, room=WIDEST_VECTOR, name="scratch")
-        self.whole_scratch = p.reserve(wholes, WHOLE, name="whole_scratch")
-        self.reserve_counts()
-        self.taken = p.variable(0, "taken")
 
-    def handed(self, numbers: Memory) -> dict[str, Any]:
-        """Return the arguments of the loop over steps, by name."""
-        given = {"watch": self.record, "sizes": self.sizes, "value_numbers": numbers, "reset_numbers": numbers}
-        given |= {"tilts": self.tilts, "sides": self.sides, "settings": self.settings}
-        given |= {"event_times": self.times, "event_states": self.states, "event_places": self.places}
-        given |= {"combinations": self.unused, "switch_rows": self.unused, "switch_combinations": self.unused}
-        return given | {"scratch": self.scratch, "whole_scratch": self.whole_scratch}
+@dataclass(frozen=True)
+class SearchMemory:
+    """Memory of the search for events on the steps of a member; see `Watched`."""
 
-    def begin(self, taylor: Any) -> None:
+    watch: Watch
+    sides: WholesOut
+    times: Out
+    states: Out
+    places: WholesOut
+    unused: WholesOut
+    scratch: Out
+    whole_scratch: WholesOut
+    seen: WholesOut
+    taken: WholesOut
+    """Number of events that are copied to the results, one entry."""
+
+
+class EventSearch:
+    """The search for the events of members on Taylor steps."""
+
+    def __init__(self, events: TaylorEvents, layout: TaylorLayout) -> None:
+        self.events, self.dimension = events, layout.dimension
+        self.occurrences = FirstOccurrences(events.events, layout.dimension)
+
+    @inline
+    def memory(self) -> SearchMemory:
+        """Return memory for the search."""
+        count, n = self.events.count, self.dimension
+        real_count, whole_count = scratch_sizes(count, n)
+        states = reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR)
+        found = reals(MEMBER_EVENT_ROOM), states, wholes(MEMBER_EVENT_ROOM), wholes(1)
+        scratch = reals(real_count, room=WIDEST_VECTOR), wholes(whole_count)
+        seen = self.occurrences.memory()
+        return SearchMemory(Watch(), wholes(2 * SIDES * count), *found, *scratch, seen, wholes(1))
+
+    @inline
+    def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
+        """Return the arguments of the loop over steps."""
+        given = job.watched
+        unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
+        arrays = given.tilts, memory.sides, given.settings, memory.times, memory.states, memory.places, *unused
+        arguments: Any = given.sizes, job.values, job.values, numbers, numbers, *arrays, None, None
+        return Watched(memory.watch, *arguments)
+
+    @inline
+    def begin(self, memory: SearchMemory, taylor: TaylorState) -> None:
         """Reset the search at the start of a member: no events, and unknown sides."""
-        p, record, events = self.p, self.record, self.events
-        for name, kind in WATCH.fields:
-            setattr(record, name, 0.0 if kind is REAL else 0)
-        record.enabled = record.fresh = taylor.inspect = 1
-        record.changing, record.room = int(events.changing), MEMBER_EVENT_ROOM
-        record.hides_growth, record.steep = int(events.hides_growth), int(events.steep)
-        record.changed = -math.inf
-        with p.each(2 * SIDES * events.count, width=1) as i:
-            self.sides[i] = 0
-        self.forget()
-        self.taken.value = 0
+        watch, events = memory.watch, self.events
+        clear(watch)
+        watch.enabled, watch.fresh, taylor.inspect = 1, 1, 1
+        watch.changing, watch.room = int(events.changing), MEMBER_EVENT_ROOM
+        watch.hides_growth, watch.steep = int(events.hides_growth), int(events.steep)
+        watch.changed = -math.inf
+        for i in each(2 * SIDES * events.count, width=1):
+            memory.sides[i] = 0
+        self.occurrences.begin(memory.seen)
+        memory.taken[0] = 0
 
-    def take(self, member: Whole) -> None:
+    @inline
+    def take(self, memory: SearchMemory, job: Any, index: int) -> None:
         """Copy the events on proven steps to the results."""
-        p, record = self.p, self.record
-        with p.when(record.done > self.taken.value, likely=False):
-            with p.repeat(lambda: self.taken.value < record.done):
-                slot = self.taken.value
-                self.keep(member, self.places[slot], self.times[slot], self.states.at(slot * self.dimension))
-                self.taken.value = slot + 1
-            with p.when(record.ahead.equals(record.done)):
-                record.done = record.ahead = self.taken.value = 0
+        watch, slot = memory.watch, memory.taken[0]
+        if unlikely(watch.done > slot):
+            while slot < watch.done:
+                t, state = memory.times[slot], memory.states[slot * self.dimension :]
+                self.occurrences.keep(job.watched, memory.seen, index, memory.places[slot], t, state)
+                slot += 1
+            memory.taken[0] = slot
+            if watch.ahead == watch.done:
+                watch.done, watch.ahead, memory.taken[0] = 0, 0, 0
 
-    @property
-    def due(self) -> Whole:
-        """The index of the first function that vanishes at the end of the last step."""
-        place: Whole = self.whole_scratch[self.events.count * due_part(0)]
-        return place
+    @inline
+    def due(self, memory: SearchMemory) -> int:
+        """Return the index of the first function that vanishes at the end of the last step."""
+        return memory.whole_scratch[self.events.count * due_part(0)]
 
-    def ended(self, outcome: Whole, unproven: Whole, last: Flag) -> Flag:
+    @inline
+    def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:
         """Return whether an event, and nothing else, ends the run at the present state."""
-        due = self.record.due.equals(1) & (self.due < self.events.events) & unproven.equals(0)
-        stopped = outcome.equals(Outcome.DONE) | outcome.equals(Outcome.WATCHED)
-        found: Flag = due & (stopped | (outcome.equals(Outcome.PAUSED) & last))
-        return found
+        is_due = memory.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
+        is_stopped = outcome == Outcome.DONE or outcome == Outcome.WATCHED
+        return is_due and (is_stopped or (outcome == Outcome.PAUSED and last))

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.dense.block import StepPolynomial, block_size, steps_in
+from lagrange.algorithm.dense.block import OwnStep, StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import outstanding, powers_of, series_sum
-from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure
-from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, fma, generated
+from lagrange.procedure.front.vocabulary import In, Out, fma, generated, reals
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Memory
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
 """A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
@@ -57,7 +53,7 @@ def series_path(
 
 @procedure(path=lambda: PATH)
 def states_on_step(
-    path: Callable[..., Any],
+    path: Callable[..., None],
     t: float,
     end: float,
     sign: float,
@@ -120,21 +116,35 @@ class MemberStepPath:
         generated(self.procedure, *[arguments[one.name] for one in self.procedure.parameters])
 
 
-class StepCoefficients:
-    """Coefficients of the polynomial of a member's step, in memory of a procedure; the same as in single runs."""
+@dataclass(frozen=True)
+class PathMemory:
+    """Memory of the polynomial of a step: the step, work memory, and the coefficients `c`."""
 
-    def __init__(self, p: Builder, dense: MemberDenseOutput, dimension: int) -> None:
-        kind = dense.kind
-        self.p, self.kind, self.dimension = p, kind, dimension
-        self.path = MemberStepPath.of(kind, dense.column, dimension, "path_")
-        self.own = p.reserve(block_size(dimension, 1), room=WIDEST_VECTOR, name="own")
-        self.step = Tracer(p, ()).call(steps_in, self.own, p.whole(dimension), p.whole(1))
-        self.work = p.reserve(kind.size(dimension, 1), room=WIDEST_VECTOR, name="path_work")
-        self.c = p.reserve((kind.degree + 1) * dimension, room=WIDEST_VECTOR, name="c")
+    step: OwnStep
+    work: Out
+    c: Out
 
-    def find(self, table: Memory, numbers: Memory) -> None:
+
+class MemberPath:
+    """The polynomials of the steps of members; the same as in single runs."""
+
+    def __init__(self, dense: MemberDenseOutput, dimension: int) -> None:
+        self.kind, self.dimension = dense.kind, dimension
+        self.path = MemberStepPath.of(dense.kind, dense.column, dimension, "path_")
+
+    @inline
+    def memory(self) -> PathMemory:
+        """Return memory for the polynomial of a step."""
+        own = reals(block_size(self.dimension, 1), room=WIDEST_VECTOR)
+        work = reals(self.path.size, room=WIDEST_VECTOR)
+        c = reals((self.kind.degree + 1) * self.dimension, room=WIDEST_VECTOR)
+        return PathMemory(steps_in(own, self.dimension, 1), work, c)
+
+    @inline
+    def find(self, memory: PathMemory, table: In, numbers: In) -> None:
         """Write the polynomial of the step, from the numbers of the method and those of the law."""
-        Tracer(self.p, ()).call(self.path.write, (numbers, table), 1, self.own, self.own, self.work, self.c)
+        own = memory.step.memory
+        self.path.write((numbers, table), 1, own, own, memory.work, memory.c)
 
 
 @procedure

@@ -7,22 +7,27 @@ results of a member depend on its own numbers only.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.members.along import Along
+from lagrange.algorithm.members.along import AlongRun
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import MOST_SURVEYS, SMALL_FLOOR
-from lagrange.algorithm.step.run import COUNTS, RUN
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Procedure
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.algorithm.step.run import FUNCTION, Counts, Run
+from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
+from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, WholesOut, clear, each, generated, larger, reals, unlikely
+from lagrange.procedure.rewrite import bound
 
 LANE = "lane"
 """The argument that differs from lane to lane; all others are common."""
 
 COUNTED = ("steps", "rejected", "evaluations")
 """Names of the counts that are returned for each member."""
+
+PREPARE = Callee((READ, Array()), (FLAG,))
+"""Type of a function that writes all numbers of a system from its parameters."""
 
 
 @dataclass(frozen=True)
@@ -46,174 +51,279 @@ class Observed:
     size: int
 
 
-class Members(ABC):
-    """Builds a procedure that runs members from t0 to t1. A method defines the start of a run and its steps.
+@procedure
+def energy_and_momenta(t: float, y: In, numbers: In, out: Out, *, energy: Procedure, momenta: Procedure) -> bool:
+    """Write the energy and the momenta of a state; return whether one of them has no value."""
+    is_singular = generated(energy, t, y, numbers, out)
+    others_are: bool = generated(momenta, t, y, numbers, out[1:])
+    return is_singular or others_are
 
-    There are `count` members: `starts` has their states [q, v], and `numbers` their parameters or the common numbers;
-    see `SystemNumbers`. The results have a row for each member: last states, times and outcomes, the counts, the
-    observed values at the start and at the end, the states at `wanted` output times, and the reductions of expressions
-    along the run. `points` are the sample points of a step, and `table` has the numbers of the dense output. A member
-    whose outcome is not DONE is at the point where its run stopped.
+
+@dataclass(frozen=True)
+class MemberJob:
+    """The members of a call, their common settings, and the arrays of their results, a row for each member.
+
+    There are `count` members, which run from t0 to t1 with at most `budget` trial steps. `starts` has their states
+    [q, v], and `numbers` their parameters or the common numbers; see `SystemNumbers`. Their ends are in `ends`, `times`
+    and `outcomes`: a member whose outcome is not DONE is at the point where its run stopped.
     """
 
-    def __init__(self, dimension: int, numbers: SystemNumbers, observed: Observed) -> None:
-        self.dimension, self.known, self.observed = dimension, numbers, observed
-        p = self.p = Builder("members", "Run members of an ensemble, one after the other in each lane.")
-        self.lane, self.lanes = p.given(LANE, WHOLE), p.given("lanes", WHOLE)
-        self.count, self.budget = p.given("count", WHOLE), p.given("budget", WHOLE)
-        self.t0, self.t1 = p.given("t0", REAL), p.given("t1", REAL)
-        self.rtol, self.floor, self.share = (p.given(name, REAL) for name in ("rtol", "floor", "share"))
-        self.step, self.longest = p.given("step", REAL), p.given("longest", REAL)
-        self.starts, self.numbers = p.array("starts", read=True), p.array("numbers", read=True)
-        self.wanted, self.output_times = p.given("wanted", WHOLE), p.array("output_times", read=True)
-        self.outputs, self.ends, self.times = p.array("outputs"), p.array("ends"), p.array("times")
-        self.first, self.last = p.array("first"), p.array("last")
-        self.outcomes = p.array("outcomes", WHOLE)
-        self.counted = {name: p.array(name, WHOLE) for name in COUNTED}
-        self.points, self.table = p.array("points", read=True), p.array("table", read=True)
-        self.reduced = p.array("reduced")
-        self.announce()
-        self.held = p.reserve(numbers.size, name="prepared") if numbers.prepare else self.numbers
-        self.seen, self.found = p.reserve(dimension, name="seen"), p.reserve(max(observed.size, 1), name="found")
-        self.run: Any = p.reserve_record(RUN)
-        self.counts: Any = p.reserve_record(COUNTS)
-        self.floors = p.reserve(dimension, name="floors")
-        self.member = p.variable(self.lane, "member")
-        self.tried = p.variable(0, "tried")
-        self.fresh = p.variable(p.true, "fresh")
+    lane: int
+    lanes: int
+    count: int
+    budget: int
+    t0: float
+    t1: float
+    rtol: float
+    floor: float
+    share: float
+    step: float
+    longest: float
+    starts: In
+    numbers: In
+    wanted: int
+    """Number of output times."""
+
+    output_times: In
+    """The output times, with NaN after the last one."""
+
+    outputs: Out
+    """The states at the output times, (count, wanted, 2n)."""
+
+    ends: Out
+    times: Out
+    first: Out
+    """The observed values at the start."""
+
+    last: Out
+    """The observed values at the end."""
+
+    outcomes: WholesOut
+    steps: WholesOut
+    rejected: WholesOut
+    evaluations: WholesOut
+    points: In
+    """The sample points of a step, for reductions of expressions along the run."""
+
+    table: In
+    """The numbers of the dense output."""
+
+    reduced: Out
+    """The reductions of expressions."""
+
+    law: Callable[..., Any]
+    """The law of motion as the steps call it, or the series."""
+
+    observe: Callable[..., bool]
+    prepare: Any
+    """The function that writes the numbers of a member, None if all members share them."""
+
+    values: Any
+    """The function that evaluates the watched functions of a Taylor run, or None."""
+
+    watched: Any
+    """Further arguments of the search for events, or None."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """Memory of the member that runs in a lane.
+
+    The state is in `parts`, vectors of equal length; `state` is memory for a copy of it as one vector.
+    """
+
+    numbers: In
+    run: Run
+    counts: Counts
+    floors: Out
+    parts: tuple[Out, ...]
+    state: Out
+    observed: Out
+    reduced: Any
+    """The reductions of expressions so far, see `Reduced`, or None."""
+
+    own: Any
+    """Further memory of the method."""
+
+
+class MemberMethod(ABC):
+    """A method by which members run: its memory, the start of a run, and its steps.
+
+    `functions` are the law of a `MemberJob`, of type `law_type`, and `values` with a Taylor run's events.
+    `watched_type` is the class of the arguments of the search for events, None without events.
+    """
+
+    law_type: Callee = FUNCTION
+    watched_type: type | None = None
+    functions: Mapping[str, Procedure]
+
+    def __init__(self, dimension: int, numbers: SystemNumbers, observed: Observed, along: AlongRun | None) -> None:
+        self.dimension, self.numbers, self.observed, self.along = dimension, numbers, observed, along
 
     @abstractmethod
-    def announce(self) -> None:
-        """Add the parameters of the method, after all others."""
-
-    @property
-    @abstractmethod
-    def state(self) -> list[Memory]:
-        """The state of the present member, as vectors of equal length."""
-
-    @property
-    @abstractmethod
-    def along(self) -> Along | None:
-        """The reductions of expressions along the run, or None."""
+    def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], Any]:
+        """Return memory for the parts of the state, and further memory of the method."""
 
     @abstractmethod
-    def begin(self) -> None:
+    def begin(self, job: MemberJob, member: Member) -> None:
         """Initialize the data that the method keeps of a run."""
 
     @abstractmethod
-    def advance(self, last: Flag) -> Whole:
+    def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Take a step, and return an outcome, PAUSED if the run continues; after the `last` step it does not."""
 
-    @property
-    def attempts(self) -> Whole:
-        """Number of trial steps of the present member, which the budget bounds."""
-        found: Whole = self.counts.steps + self.counts.rejected
-        return found
+    @abstractmethod
+    def attempts(self, job: MemberJob, member: Member) -> int:
+        """Return the number of trial steps of a member, which the budget bounds."""
 
     def build(self) -> Procedure:
-        """Return the procedure that runs members, after adding all of its statements."""
-        p = self.p
-        with p.repeat(lambda: self.member.value < self.count):
-            with p.when(self.fresh.value):
-                self.begin_member()
-            last = self.tried.value >= self.budget
-            outcome = self.without_sizes(self.advance(last)).called("outcome")
-            self.tried.value = self.attempts
-            done = ~outcome.equals(Outcome.PAUSED) | last
-            self.fresh.value = done
-            with p.when(done):
-                self.end_member(outcome)
-        return p.finish()
+        """Return the procedure that runs members by this method."""
+        functions = {**self.functions, "observe": self.observed.kernel}
+        if self.numbers.prepare is not None:
+            functions["prepare"] = self.numbers.prepare
+        return bound(run_members.form(method=self), functions, prefix="member_")
 
-    def without_sizes(self, outcome: Whole) -> Whole:
-        """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without a survey of sizes.
 
-        Sizes would only raise floors, so its steps are at most shorter. A run ends if it cannot begin without them, or
-        if an entry may be rounding: its steps would shrink to nothing.
-        """
-        p, counts = self.p, self.counts
-        asked = outcome.equals(Outcome.UNSCALED) & (counts.steps > 0) & (counts.surveyed < MOST_SURVEYS)
-        goes_on = p.variable(asked, "goes_on")
-        with p.when(asked, likely=False):
-            counts.surveyed = counts.surveyed + 1
-            goes_on.value = ~self.some_rounded()
-        found: Whole = p.choose(goes_on.value, Outcome.PAUSED, outcome)
-        return found
+def job_type(method: MemberMethod) -> Bundle:
+    """Return the type of a job for a method."""
+    values = FUNCTION if "values" in method.functions else None
+    types: dict[str, Stated] = {"law": method.law_type, "observe": FUNCTION, "values": values}
+    types["prepare"] = None if method.numbers.prepare is None else PREPARE
+    types["watched"] = None if method.watched_type is None else Bundle(method.watched_type, {})
+    return Bundle(MemberJob, types)
 
-    def some_rounded(self) -> Flag:
-        """Return whether the floor of an entry is below `SMALL_FLOOR` times the largest of its kind."""
-        p, half = self.p, self.dimension // 2
-        found = p.variable(p.false, "rounded")
-        for kind in range(2):
-            floors, largest = self.floors.at(kind * half), p.variable(0.0, "largest")
-            with p.loop(0, half) as i:
-                largest.value = p.larger(largest.value, floors[i])
-            with p.loop(0, half) as i:
-                found.value = found.value | (floors[i] < SMALL_FLOOR * largest.value)
-        rounded: Flag = found.value
-        return rounded
 
-    def explained(self, outcome: Whole) -> Whole:
-        """Return an outcome. If steps shrank because trials had no value, it is the outcome of these trials."""
-        p = self.p
-        stuck = outcome.equals(Outcome.STEP_TOO_SMALL) & (self.counts.after_reject > 0)
-        for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
-            outcome = p.choose(stuck & self.run.cause.equals(float(cause)), cause, outcome)
-        return outcome
+@procedure(job=job_type)
+def run_members(job: MemberJob, *, method: MemberMethod) -> None:
+    """Run members of an ensemble, one after the other in each lane."""
+    member = memory_of_member(job, method)
+    index, tried, is_fresh = job.lane, 0, True
+    while index < job.count:
+        if is_fresh:
+            begin_member(job, member, index, method)
+            tried = 0
+        is_last = tried >= job.budget
+        outcome = without_sizes(method.advance(job, member, index, is_last), member, method)
+        tried = method.attempts(job, member)
+        is_fresh = outcome != Outcome.PAUSED or is_last
+        if is_fresh:
+            end_member(job, member, index, outcome, method)
+            index += job.lanes
 
-    def begin_member(self) -> None:
-        """Initialize the run of the next member."""
-        p, run, counts, n = self.p, self.run, self.counts, self.dimension
-        member = self.member.value
-        if self.known.prepare is not None:
-            p.call(self.known.prepare, self.numbers.at(member * self.known.parameters), self.held)
-        self.tried.value = 0
-        for name, kind in RUN.fields:
-            setattr(run, name, 0.0 if kind is REAL else 0)
-        for name, _ in COUNTS.fields:
-            setattr(counts, name, 0)
-        run.t = run.start = self.t0
-        run.end = self.t1
-        run.h = run.step = self.step
-        run.rtol, run.share, run.longest, run.previous = self.rtol, self.share, self.longest, 1.0
-        run.cause = float(Outcome.STEP_TOO_SMALL)
-        with p.each(n, width=1) as i:
-            self.floors[i] = self.floor
-        length = n // len(self.state)
-        for k, part in enumerate(self.state):
-            start = self.starts.at(member * n + k * length)
-            with p.each(length, width=1) as i:
-                part[i] = start[i]
-        self.observe(self.t0, self.first)
-        self.begin()
 
-    def observe(self, t: Real, results: Memory) -> None:
-        """Write the observed values of the state, as a row of some results."""
-        p, size = self.p, self.observed.size
-        if not size:
-            return
-        length = self.dimension // len(self.state)
-        for k, part in enumerate(self.state):
-            with p.each(length, width=1) as i:
-                self.seen.at(k * length)[i] = part[i]
-        p.call(self.observed.kernel, t, self.seen, self.held, self.found)
-        target = results.at(self.member.value * size)
-        with p.each(size, width=1) as i:
-            target[i] = self.found[i]
+@inline
+def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
+    """Return memory for the member that runs in a lane."""
+    n, along = method.dimension, method.along
+    numbers: Any = job.numbers if job.prepare is None else reals(method.numbers.size)
+    reduced = None if along is None else along.memory()
+    vectors = reals(n), reals(method.observed.size)
+    run, counts, floors = Run(), Counts(), reals(n)
+    parts, own = method.memory(job)
+    return Member(numbers, run, counts, floors, parts, *vectors, reduced, own)
 
-    def end_member(self, outcome: Whole) -> None:
-        """Write the results of a member, and go to the next one."""
-        p, member = self.p, self.member.value
-        length = self.dimension // len(self.state)
-        for k, part in enumerate(self.state):
-            target = self.ends.at(member * self.dimension + k * length)
-            with p.each(length, width=1) as i:
-                target[i] = part[i]
-        self.observe(self.run.t, self.last)
-        self.times[member] = self.run.t
-        self.outcomes[member] = self.explained(outcome)
-        for name, array in self.counted.items():
-            array[member] = getattr(self.counts, name)
-        if self.along is not None:
-            self.along.write(self.run.t, self.reduced.at(member * len(self.along.sampled.reductions)))
-        self.member.value = member + self.lanes
+
+@inline
+def begin_member(job: MemberJob, member: Member, index: int, method: MemberMethod) -> None:
+    """Initialize the run of the next member."""
+    run, n = member.run, method.dimension
+    if job.prepare is not None:
+        job.prepare(job.numbers[index * method.numbers.parameters :], member.numbers)
+    clear(run)
+    clear(member.counts)
+    run.t, run.start, run.end = job.t0, job.t0, job.t1
+    run.h, run.step = job.step, job.step
+    run.rtol, run.share, run.longest, run.previous = job.rtol, job.share, job.longest, 1.0
+    run.cause = float(Outcome.STEP_TOO_SMALL)
+    for i in each(n, width=1):
+        member.floors[i] = job.floor
+    move_to(member, job.starts[index * n :], method.dimension)
+    observe(job, member, job.t0, job.first, index, method)
+    if method.along is not None:
+        method.along.begin(member.reduced, job.t0, member.state, member.numbers)
+    method.begin(job, member)
+
+
+@inline
+def move_to(member: Member, state: In, dimension: int) -> None:
+    """Set the state of a member."""
+    length = dimension // len(member.parts)
+    for k, part in enumerate(member.parts):
+        entries = state[k * length :]
+        for i in each(length, width=1):
+            part[i] = entries[i]
+
+
+@inline
+def copy_state(member: Member, to: Out, dimension: int) -> None:
+    """Copy the state of a member to an array, as one vector."""
+    length = dimension // len(member.parts)
+    for k, part in enumerate(member.parts):
+        entries = to[k * length :]
+        for i in each(length, width=1):
+            entries[i] = part[i]
+
+
+@inline
+def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, method: MemberMethod) -> None:
+    """Write the observed values of the state as a row of some results."""
+    size = method.observed.size
+    copy_state(member, member.state, method.dimension)
+    job.observe(t, member.state, member.numbers, member.observed)
+    target = results[index * size :]
+    for i in each(size, width=1):
+        target[i] = member.observed[i]
+
+
+@inline
+def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
+    """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without a survey of sizes.
+
+    Sizes would only raise floors, so its steps are at most shorter. A run ends if it cannot begin without them, or if
+    an entry may be rounding: its steps would shrink to nothing.
+    """
+    counts = member.counts
+    is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS
+    goes_on = is_asked
+    if unlikely(is_asked):
+        counts.surveyed += 1
+        goes_on = not some_rounded(member.floors, method.dimension // 2)
+    return Outcome.PAUSED if goes_on else outcome
+
+
+@inline
+def some_rounded(floors: In, half: int) -> bool:
+    """Return whether the floor of an entry is below `SMALL_FLOOR` times the largest of its kind."""
+    is_rounded = False
+    for begin in (0, half):
+        largest = 0.0
+        for i in range(half):
+            largest = larger(largest, floors[begin + i])
+        for i in range(half):
+            floor = floors[begin + i]
+            is_rounded = is_rounded or floor < SMALL_FLOOR * largest
+    return is_rounded
+
+
+@inline
+def end_member(job: MemberJob, member: Member, index: int, outcome: int, method: MemberMethod) -> None:
+    """Write the results of a member."""
+    run, counts, n = member.run, member.counts, method.dimension
+    copy_state(member, job.ends[index * n :], n)
+    observe(job, member, run.t, job.last, index, method)
+    job.times[index] = run.t
+    job.outcomes[index] = explained(outcome, run, counts)
+    job.steps[index] = counts.steps
+    job.rejected[index] = counts.rejected
+    job.evaluations[index] = counts.evaluations
+    if method.along is not None:
+        method.along.write(member.reduced, run.t - job.t0, job.reduced[index * method.along.reductions :])
+
+
+@inline
+def explained(outcome: int, run: Run, counts: Counts) -> int:
+    """Return an outcome. If steps shrank because trials had no value, it is the outcome of these trials."""
+    is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
+    for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
+        outcome = cause if is_stuck and run.cause == float(cause) else outcome
+    return outcome

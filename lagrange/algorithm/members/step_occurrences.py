@@ -5,103 +5,130 @@ An irregular case, such as an event that is not resolved, ends the member here, 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.dense.block import OwnStep
 from lagrange.algorithm.events.constants import NOISE_HALVES
-from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, ENDED, MOST_ZEROS, REVIEW
-from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences
+from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, ENDED, MOST_ZEROS, Review, ReviewedEvents
+from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences, OccurrenceArrays
 from lagrange.algorithm.members.paths import MemberDenseOutput
 from lagrange.algorithm.members.step_review import MemberFunctions, StepEvents, review_step
 from lagrange.algorithm.outcome import Outcome
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesIn,
+    WholesOut,
+    clear,
+    each,
+    reals,
+    unlikely,
+    unrolled,
+    wholes,
+)
 
 ZERO_ROOM = MOST_ZEROS + 1
 """Number of zeros that can be stored until they are copied, which is done after each step."""
 
-Numbers = tuple[Memory, Memory]
-"""The numbers of the law, and those of the dense output."""
+
+@dataclass(frozen=True)
+class ReviewArguments(OccurrenceArrays):
+    """Arguments of the search for events on steps: perturbation factors of a state, and settings of the events."""
+
+    factors: In
+    direction: WholesIn
+    terminal: WholesIn
 
 
-class StepOccurrences(FirstOccurrences):
-    """The search for events of a member on steps, in memory of a procedure; adds its parameters.
+@dataclass(frozen=True)
+class ReviewMemory:
+    """Memory of the search for events on the steps of a member; see `ReviewedEvents`."""
 
-    After a review the run is at `time`, in the state `there`, at the fraction `part` of the step. This is the end of
-    the step, unless an event ends the run earlier.
-    """
+    review: Review
+    sign: WholesOut
+    near: WholesOut
+    remaining: WholesOut
+    stayed: Out
+    came: WholesOut
+    which: WholesOut
+    when: Out
+    zeros: Out
+    noted: WholesOut
+    levels: Out
+    there: Out
+    """The state to which the run is moved, if an event ends it."""
 
-    def __init__(self, p: Builder, events: StepEvents, dimension: int) -> None:
-        super().__init__(p, events.count, dimension)
-        self.events = events
-        self.factors, self.direction = p.array("factors", read=True), p.array("direction", WHOLE, read=True)
-        self.terminal = p.array("terminal", WHOLE, read=True)
+    seen: WholesOut
 
-    def reserve(self, dense: MemberDenseOutput) -> None:
-        """Reserve memory, after all parameters have been added."""
-        p, count, n = self.p, self.events.count, self.dimension
-        self.reserve_counts()
-        self.record: Any = p.reserve_record(REVIEW)
-        names = ("sign", "near", "remaining", "came")
-        self.wholes = {name: p.reserve(count, WHOLE, name=name) for name in names}
-        self.wholes |= {"which": p.reserve(ZERO_ROOM + 1, WHOLE, name="which")}
-        self.wholes |= {"noted": p.reserve(4 * count, WHOLE, name="noted")}
-        self.reals = {name: p.reserve(count, name=name) for name in ("stayed", "levels")}
-        self.reals |= {
-            "when": p.reserve(ZERO_ROOM + 1, name="when"),
-            "there": p.reserve((ZERO_ROOM + 1) * n, name="zeros"),
-        }
-        self.there = p.reserve(n, name="there")
-        self.time, self.part = p.variable(0.0, "time"), p.variable(1.0, "part")
-        self.review = review_step.form(functions=MemberFunctions(dense, self.events, n))
 
-    def begin(self) -> None:
+class StepEventSearch:
+    """The search for the events of members on steps."""
+
+    def __init__(self, events: StepEvents, dense: MemberDenseOutput, dimension: int) -> None:
+        self.events, self.dimension = events, dimension
+        self.functions = MemberFunctions(dense, events, dimension)
+        self.occurrences = FirstOccurrences(events.count, dimension)
+
+    @inline
+    def memory(self) -> ReviewMemory:
+        """Return memory for the search."""
+        count, n = self.events.count, self.dimension
+        sides = wholes(count), wholes(count), wholes(count), reals(count), wholes(count)
+        found = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
+        seen = self.occurrences.memory()
+        return ReviewMemory(Review(), *sides, *found, wholes(4 * count), reals(count), reals(n), seen)
+
+    @inline
+    def begin(self, memory: ReviewMemory, given: ReviewArguments) -> None:
         """Reset the search at the start of a member: no events, and unknown sides."""
-        self.forget()
-        for name, kind in REVIEW.fields:
-            setattr(self.record, name, 0.0 if kind is REAL else 0)
-        self.record.end, self.record.room = 1, ZERO_ROOM
-        for e in range(self.events.count):
-            self.wholes["sign"][e] = self.wholes["near"][e] = 0
-            self.wholes["remaining"][e], self.wholes["came"][e] = self.terminal[e], ANYHOW
-            self.reals["stayed"][e] = 0.0
+        self.occurrences.begin(memory.seen)
+        clear(memory.review)
+        memory.review.end, memory.review.room = 1, ZERO_ROOM
+        for e in unrolled(self.events.count):
+            memory.sign[e], memory.near[e] = 0, 0
+            memory.remaining[e], memory.came[e] = given.terminal[e], ANYHOW
+            memory.stayed[e] = 0.0
 
-    def look(self, member: Whole, steps: Whole, step: OwnStep, end: Real, last: Flag, numbers: Numbers) -> Whole:
-        """Review a step up to a time, which is the `last` or not; return PAUSED or the outcome of the run.
+    @inline
+    def look(
+        self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
+    ) -> tuple[int, float, float]:
+        """Review a step up to a time. Return the outcome, and the time and the fraction of the step of the run's end.
 
-        `steps` is the number of steps including this one. `numbers` are those of the law and of the dense output.
+        The outcome is PAUSED if the run continues. If an event ends it, its state is in `memory.there`.
         """
-        p, record = self.p, self.record
-        record.found, record.starts = 0, p.whole(steps.equals(1))
-        record.last = p.choose(last, p.whole(0), -1)
-        record.rounded = p.real(steps - 1) * (1.0 / NOISE_HALVES)
-        given: dict[str, Any] = {"review": record, "direction": self.direction, **self.wholes, **self.reals}
-        given |= {"numbers": numbers[0], "table": numbers[1], "factors": self.factors}
-        given |= {"own": step.memory, "end": end}
-        why = p.call(self.review, *(given[one.name] for one in self.review.parameters)).called("why")
-        changed: Flag = why.equals(CHANGED)
-        regular = why.equals(ENDED) | changed
-        self.time.value, self.part.value = end, 1.0
-        with p.when((record.found > 0) & regular, likely=False), p.loop(0, record.found) as slot:
-            self.keep(member, self.wholes["which"][slot], self.reals["when"][slot], self.zero(slot))
-        with p.when(changed, likely=False):
-            self.end(step, end)
-            self.keep(member, record.event, self.time.value, self.there)
-        found: Whole = p.choose(changed, ENDED_BY_EVENT, p.choose(regular, p.whole(Outcome.PAUSED), Outcome.WATCHED))
-        return found
+        review, steps, given = memory.review, member.counts.steps, job.watched
+        review.found, review.starts = 0, int(steps == 1)
+        review.last = 0 if end == job.t1 else -1
+        review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
+        sides = memory.sign, memory.near, given.direction, memory.remaining, memory.stayed, memory.came
+        zeros = memory.which, memory.when, memory.zeros, memory.noted, memory.levels
+        watch = ReviewedEvents(review, *sides, *zeros)
+        why = review_step(watch, member.numbers, job.table, given.factors, step.memory, end, functions=self.functions)
+        is_changed = why == CHANGED
+        is_regular = why == ENDED or is_changed
+        if unlikely(review.found > 0 and is_regular):
+            for slot in range(review.found):
+                zero = memory.zeros[slot * self.dimension :]
+                self.occurrences.keep(given, memory.seen, index, memory.which[slot], memory.when[slot], zero)
+        t, part = end, 1.0
+        if unlikely(is_changed):
+            t, part = self.place_of_end(memory, step, end)
+            self.occurrences.keep(given, memory.seen, index, review.event, t, memory.there)
+        return ENDED_BY_EVENT if is_changed else Outcome.PAUSED if is_regular else Outcome.WATCHED, t, part
 
-    def zero(self, slot: Whole) -> Memory:
-        """Return the state at the zero in a slot of the result arrays."""
-        return self.reals["there"].at(slot * self.dimension)
+    @inline
+    def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
+        """Write the state at the event that ends the run; return its time and its fraction of the step.
 
-    def end(self, step: OwnStep, end: Real) -> None:
-        """Move the run to the event that ends it; at the end of a step that is the accepted state."""
-        p, record = self.p, self.record
-        s, slot = record.place, record.found
-        begins, finishes = (s <= 0.0).called("begins"), (s >= 1.0).called("finishes")
-        self.part.value = s
-        self.time.value = p.choose(begins, step.t[0], p.choose(finishes, end, self.reals["when"][slot]))
-        zero = self.zero(slot)
-        with p.each(self.dimension, width=1) as i:
-            self.there[i] = p.choose(begins, step.y[i], p.choose(finishes, step.new[i], zero[i]))
+        At the end of a step that is the accepted state.
+        """
+        part, slot = memory.review.place, memory.review.found
+        is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]
+        when, t = memory.when[slot], step.t[0]
+        for i in each(self.dimension, width=1):
+            before, after, between = step.y[i], step.new[i], zero[i]
+            memory.there[i] = before if is_begin else after if is_end else between
+        return t if is_begin else end if is_end else when, part

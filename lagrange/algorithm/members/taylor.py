@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.members.along import Along, Sampled, SampledStep
-from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, Events, MemberOccurrences
+from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep
+from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, EventSearch, SearchArguments, TaylorEvents
 from lagrange.algorithm.members.paths import series_path
-from lagrange.algorithm.members.queue import Members, Observed, SystemNumbers
+from lagrange.algorithm.members.queue import Member, MemberJob, MemberMethod, Observed, SystemNumbers
 from lagrange.algorithm.taylor.loop import begin_run, iteration
-from lagrange.algorithm.taylor.memory import HELD, OUTPUTS, TAYLOR, TaylorLayout
+from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.step_size import logarithm
+from lagrange.algorithm.taylor.watching import Arguments
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.front.building import Tracer
-from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Flag, Memory, Whole
+from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.vocabulary import Out, clear, reals, unlikely
 
 
-class TaylorMembers(Members):
+@dataclass(frozen=True)
+class SeriesMemory:
+    """Memory of a run by series: the array of the series, the records of the run, and the search for events."""
+
+    work: Out
+    taylor: TaylorState
+    held: Held
+    outputs: OutputCounts
+    unused: Out
+    search: Any
+
+
+class TaylorMembers(MemberMethod):
     """Runs members by the same steps as the driver of single runs, with the series as the procedure `jet`."""
+
+    law_type = JET
 
     def __init__(
         self,
@@ -29,92 +44,74 @@ class TaylorMembers(Members):
         numbers: SystemNumbers,
         observed: Observed,
         sampled: Sampled | None = None,
-        events: Events | None = None,
+        events: TaylorEvents | None = None,
     ) -> None:
-        self.events = events
-        self.occurrences: MemberOccurrences | None = None
-        super().__init__(layout.dimension, numbers, observed)
-        p = self.p
-        self.layout, self.order, self.jet = layout, order, jet
-        self.work = p.reserve(layout.size(order), room=WIDEST_VECTOR, name="work")
-        self.taylor: Any = p.reserve_record(TAYLOR)
-        self.before: Any = p.reserve_record(HELD)
-        self.written: Any = p.reserve_record(OUTPUTS)
-        self.none = p.reserve(1, name="none")
-        self._along: Along | None = None
+        along = None
         if sampled is not None:
             path = series_path.form(layout=layout, entries=sampled.entries)
-            self._along = Along(p, sampled, path, self.points, self.held, layout.dimension)
-        if self.occurrences is not None:
-            self.occurrences.reserve(layout)
-        self.digits = (-p.call(logarithm.form(), self.rtol)).called("digits")
+            along = AlongRun(sampled, path, layout.dimension)
+        super().__init__(layout.dimension, numbers, observed, along)
+        self.layout, self.order = layout, order
+        self.functions = {"law": jet} if events is None else {"law": jet, "values": events.values}
+        self.search = None if events is None else EventSearch(events, layout)
+        self.watched_type = None if events is None else SearchArguments
 
-    def announce(self) -> None:
-        """Add the parameters of the events, if there are any."""
-        if self.events is not None:
-            self.occurrences = MemberOccurrences(self.p, self.events, self.dimension)
+    @inline
+    def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], SeriesMemory]:
+        """Return memory for the state, which begins the work array, and the other memory of a run."""
+        work = reals(self.layout.size(self.order), room=WIDEST_VECTOR)
+        records = TaylorState(), Held(), OutputCounts(), reals(1)
+        search = None if self.search is None else self.search.memory()
+        return (work,), SeriesMemory(work, *records, search)
 
-    @property
-    def state(self) -> list[Memory]:
-        """The state at the beginning of the work array."""
-        return [self.work]
-
-    @property
-    def attempts(self) -> Whole:
-        """Number of trial steps, including the last one, which is not proven yet."""
-        found: Whole = super().attempts + self.before.unproven
-        return found
-
-    @property
-    def along(self) -> Along | None:
-        """The reductions of expressions along the run, or None."""
-        return self._along
-
-    def begin(self) -> None:
+    @inline
+    def begin(self, job: MemberJob, member: Member) -> None:
         """Reset the compensation, the counters, the scale of time and the outputs."""
-        self.before.unproven = 0
-        self.written.done = self.written.ahead = 0
-        records = self.run, self.counts, self.taylor, self.before
-        Tracer(self.p, ()).call(begin_run, *records, self.work, self.layout)
-        if self.along is not None:
-            self.along.begin(self.run.t, self.work)
-        if self.occurrences is not None:
-            self.occurrences.begin(self.taylor)
+        own = member.own
+        own.held.unproven = 0
+        clear(own.outputs)
+        begin_run(member.run, member.counts, own.taylor, own.held, own.work, self.layout)
+        if self.search is not None:
+            self.search.begin(own.search, own.taylor)
 
-    def advance(self, last: Flag) -> Whole:
+    @inline
+    def attempts(self, job: MemberJob, member: Member) -> int:
+        """Return the number of trial steps, including the last one, which is not proven yet."""
+        tried: int = member.counts.steps + member.counts.rejected + member.own.held.unproven
+        return tried
+
+    @inline
+    def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Prove the last step, and take the next one."""
-        p = self.p
-        given = {"prepared": self.held, "constants": self.held, "run": self.run, "counts": self.counts}
-        given |= {"taylor": self.taylor, "floors": self.floors, "held": self.before, "outputs": self.written}
-        given |= {"output_times": self.output_times, "times": self.none, "rows": self.none}
-        given |= {"output_states": self.outputs.at(self.member.value * (self.wanted * self.dimension))}
-        given |= {"last": last, "digits": self.digits, "work": self.work, "order": p.whole(self.order)}
-        functions = {"jet": self.jet}
-        if self.occurrences is not None:
-            given |= self.occurrences.handed(self.held)
-            functions["values"] = self.occurrences.events.values
-        step = bound(iteration.form(layout=self.layout), functions, prefix="run_")
-        steps = self.counts.steps
-        found: Whole = p.call(step, *(given[one.name] for one in step.parameters))
+        run, counts, own = member.run, member.counts, member.own
+        states = job.outputs[index * (job.wanted * self.dimension) :]
+        watched = None if self.search is None else self.search.arguments(own.search, job, member.numbers)
+        records = run, counts, own.taylor, member.floors, own.held, own.outputs
+        arrays = job.output_times, states, own.unused, own.unused
+        arguments: Any = member.numbers, member.numbers, *records, *arrays, watched, None, None, own.work, self.order
+        given = Arguments(job.law, *arguments)
+        before = counts.steps
+        outcome: int = iteration(given, last, -logarithm(job.rtol), layout=self.layout)
         if self.along is not None:
-            self.follow(self.along, steps)
-        return found if self.occurrences is None else self.watch(self.occurrences, found, last)
+            # Sample the last step while its series is in memory; commit the one before if it is proven.
+            if counts.steps > before:
+                self.along.accept(member.reduced)
+            if own.held.unproven != 0:
+                h = own.held.h
+                step = SampledStep(own.held.t, run.t, h, h / own.held.scale, own.work, own.work, self.order)
+                self.along.follow(member.reduced, step, member.numbers, job.points)
+        if self.search is None:
+            return outcome
+        return self.ended_by_event(self.search, job, member, index, outcome, last)
 
-    def watch(self, occurrences: MemberOccurrences, outcome: Whole, last: Flag) -> Whole:
+    @inline
+    def ended_by_event(
+        self, search: EventSearch, job: MemberJob, member: Member, index: int, outcome: int, last: bool
+    ) -> int:
         """Copy the events of proven steps, and return the outcome: ENDED_BY_EVENT if an event ends the run."""
-        p, member = self.p, self.member.value
-        occurrences.take(member)
-        ended = occurrences.ended(outcome, self.before.unproven, last)
-        with p.when(ended, likely=False):
-            occurrences.keep(member, occurrences.due, self.run.t, self.work)
-        found: Whole = p.choose(ended, ENDED_BY_EVENT, outcome)
-        return found
-
-    def follow(self, along: Along, steps: Whole) -> None:
-        """Sample expressions on the last step while its series is in memory; commit the one before if it is proven."""
-        p, held = self.p, self.before
-        with p.when(self.counts.steps > steps):
-            along.accept()
-        with p.when(~held.unproven.equals(0)):
-            order, h = p.whole(self.order), held.h
-            along.follow(SampledStep(held.t, self.run.t, h, h / held.scale, self.work, self.work, order))
+        own = member.own
+        search.take(own.search, job, index)
+        is_ended = search.is_ended(own.search, outcome, own.held.unproven, last)
+        if unlikely(is_ended):
+            search.occurrences.keep(job.watched, own.search.seen, index, search.due(own.search), member.run.t, own.work)
+        return ENDED_BY_EVENT if is_ended else outcome

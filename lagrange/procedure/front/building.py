@@ -36,6 +36,7 @@ from lagrange.procedure.front.kinds import (
 from lagrange.procedure.front.names import Names
 from lagrange.procedure.front.vocabulary import (
     OPERATION_OF,
+    clear,
     generated,
     likely,
     operation,
@@ -50,8 +51,8 @@ from lagrange.procedure.values import Flag, Memory, RecordFields, Value, Whole
 UNSAFE = ("quotient", "whole")
 """Operations that machine code must not run for every operand: they are computed under their condition only."""
 
-CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len, dataclasses.replace)
-"""Python functions that do not use the values in a container, or in a bundle."""
+CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len, dataclasses.replace, clear)
+"""Python functions that do not use the values in a container, a bundle, or a record."""
 
 
 class Local:

@@ -6,6 +6,7 @@ defined in `docs/dev/procedures.md`.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Protocol, TypeVar, overload
@@ -148,6 +149,13 @@ def wholes(size: int, *, room: int = 1) -> Writable[int]:
     return array
 
 
+def clear(record: Any) -> None:
+    """Set every field of a record to zero."""
+    in_memory = isinstance(record, ctypes.Structure)
+    for name in [name for name, *_ in record._fields_] if in_memory else record.names():
+        setattr(record, name, 0)
+
+
 def operation(name: str, *values: Any) -> Any:
     """Return an operation of the form, by its name there, on numbers."""
     return EXACT[name](*values)
@@ -228,5 +236,5 @@ def record(stated: Class) -> Class:
         for field, kind in fields.items():
             setattr(self, field, 0.0 if kind is REAL else 0)
 
-    made.__init__ = start
+    made.__init__, made.names = start, lambda self: tuple(fields)
     return stated
