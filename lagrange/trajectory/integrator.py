@@ -147,7 +147,8 @@ class Problem:
     `max_wall` the time limit in seconds. `max_memory` is the largest number of kept bytes, None for a quarter of the
     machine's memory. `began` is the time of the request by `time.perf_counter`. `events` are checked against the
     model's statement. `progress` is called with the time reached, several times during the run. `whole` is the problem
-    of the whole run if this one is a segment of it: messages state its span and limits.
+    of the whole run if this one is a segment of it: messages state its span and limits. `largest` (2n,) are then the
+    largest absolute values of the entries in the run so far.
     """
 
     model: Model
@@ -165,6 +166,7 @@ class Problem:
     events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
     whole: Problem | None = None
+    largest: FloatArray | None = None
     began: float = field(default_factory=time.perf_counter)
     _values: FloatArray | None = field(default=None, init=False, repr=False)
 

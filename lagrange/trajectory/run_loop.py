@@ -124,6 +124,8 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
     plan, parameters = kept.plan, problem.parameter_array
     tolerances, idle = plan.tolerances, kept.take(problem)
     state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
+    if problem.largest is not None:
+        np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))

@@ -51,9 +51,11 @@ class WrittenFriction:
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
         """Return a problem of the system as a problem of this model, which begins sliding or sticking as `way` says."""
-        y0 = np.insert(problem.y0, [self.model.layout.q.stop - 1, len(problem.y0)], [way, 0.0])
+        places = [self.model.layout.q.stop - 1, len(problem.y0)]
+        y0 = np.insert(problem.y0, places, [way, 0.0])
+        largest = None if problem.largest is None else np.insert(problem.largest, places, [1.0, 0.0])
         parameters = {**problem.parameters, self.moment: moment}
-        return replace(problem, model=self.model, y0=y0, parameters=parameters)
+        return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
         """Return states of the system, (2n,) or (2n, N), from states of this model."""

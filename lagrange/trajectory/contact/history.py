@@ -77,10 +77,10 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
     return ContactHistory(arrays["begins"], modes, impacts, rests, arrays["rubbed"])
 
 
-def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, slowest: float) -> Mode:
+def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, *others: Any) -> Mode:
     if not set(states) <= {OPEN, CLOSED, SLIDING, STICKING}:
         raise StatementError("its modes have states that contacts do not have.")
-    return Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), slowest)
+    return Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), *others)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ class Mode:
 
     `kept` are the independent ones of the constraints if some follow from others, which then share their forces; else
     None. `bouncing` are the contacts that are closed on average while impacts accumulate. `slowest` is the slip in a
-    plane that counts as zero.
+    plane that counts as zero. If `still`, nothing can move: contacts that slide by their forces are at rest.
     """
 
     states: tuple[str, ...]
@@ -54,6 +54,7 @@ class Mode:
     kept: tuple[int, ...] | None = None
     bouncing: tuple[int, ...] = ()
     slowest: float = 0.0
+    still: bool = False
 
     @property
     def closed(self) -> list[int]:
@@ -63,7 +64,8 @@ class Mode:
     @property
     def labels(self) -> tuple[str, ...]:
         """The state of each contact as results show it."""
-        return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(self.states))
+        states = (STICKING if self.still and state == SLIDING else state for state in self.states)
+        return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
     def going(self, which: int, way: int) -> Mode:
         """Return the mode in which a contact slides in direction `way`, or sticks if `way` is 0."""
@@ -180,15 +182,25 @@ class Modes:
         rates, places = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
         return not any(expression.xreplace(rates).xreplace(places).has(time) for expression in expressions)
 
-    def holds_still(self, mode: Mode, y: FloatArray) -> bool:
-        """Return whether a state (2n,) at rest stays for ever: the closed contacts leave no freedom, and no time acts.
+    def leaves_no_freedom(self, mode: Mode) -> bool:
+        """Return whether the constraints of a mode allow no motion, so that a body stays at rest for ever.
 
-        Rounding of its accelerations, which are zero, would be all that a method has to follow.
+        Rounding of its accelerations would be all that a method has to follow.
         """
-        if y[self.model.layout.v].any() or not self.timeless:
-            return False
         count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
-        return count == self.model.dimension
+        if count < self.model.dimension or not self.timeless:
+            return False
+        return self._holds_rest[-1] and all(
+            rests for rests, state in zip(self._holds_rest, mode.states, strict=False) if state == STICKING
+        )
+
+    @cached_property
+    def _holds_rest(self) -> list[bool]:
+        """True for each contact whose slip is zero at rest, unlike that of a belt; the last for stated constraints."""
+        stated = self.model.statement
+        rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
+        rates = [*(each.slip for each in self.contacts), [c.expression for c in stated.constraints if not c.holonomic]]
+        return [all(sympy.expand(rate.xreplace(rest)).is_zero for rate in of) for of in rates]
 
     def constraint_count(self, mode: Mode) -> int:
         """Return the number of constraints of a mode, stated ones and those of closed contacts."""
@@ -198,7 +210,7 @@ class Modes:
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""
-        plain = replace(mode, bouncing=(), slowest=0.0)
+        plain = replace(mode, bouncing=(), slowest=0.0, still=False)
         if plain not in self._models:
             stated = mode_statement(self.model.statement, mode)
             self._models[plain] = self.model.on_same_machine(stated, mode.kept)

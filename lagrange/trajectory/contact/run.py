@@ -86,6 +86,7 @@ class _ContactRun:
         self.contacts = problem.model.statement.contacts
         self.transitions = Transitions(self.modes, self.kinematics, problem.t1 - problem.t0, problem.rtol or 0.0)
         self.parts: list[Trajectory] = []
+        self.largest = np.abs(problem.y0)
         self.kept: list[Mode] = []
         self.begins: list[float] = []
         self.impacts = [[np.empty((0, FRICTION + len(each.slip)))] for each in self.contacts]
@@ -138,6 +139,8 @@ class _ContactRun:
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
+        states = np.abs(np.column_stack([part.y, last_state(part)]))
+        self.largest = np.maximum(self.largest, states.max(axis=1))
 
     def _stop(self, status: Status, cause: str) -> None:
         """Set the status and the cause with which the last segment ends the run."""
@@ -172,7 +175,7 @@ class _ContactRun:
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
         tries, part, changes = 0, None, list[tuple[float, Mode]]()
-        if self.parts and self._holds_still(mode, segment.y0):
+        if self.parts and self._holds_still(mode):
             part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
             self.found, self.end_state, self.fired = part, segment.y0, []
         while part is None:
@@ -182,6 +185,7 @@ class _ContactRun:
                 model=prepared.model,
                 events=prepared.events,
                 t1=until,
+                largest=self.largest,
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
             if friction is not None:
@@ -209,10 +213,10 @@ class _ContactRun:
         self.kept += [following for _, following in changes]
         return self.kept[-1]
 
-    def _holds_still(self, mode: Mode, y: FloatArray) -> bool:
-        """Return whether a state (2n,) in a mode stays for ever, and no event of the user occurs."""
+    def _holds_still(self, mode: Mode) -> bool:
+        """Return whether a mode stays for ever, and no event of the user occurs."""
         zeros = [event.expression for event in self.problem.events]
-        return self.modes.holds_still(mode, y) and self.modes.without_time(zeros)
+        return mode.still and self.modes.without_time(zeros)
 
     def _told(self, part: Trajectory) -> Trajectory:
         """Return a segment that reached a limit, with its message in the coordinates of the system."""

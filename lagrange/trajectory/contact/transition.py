@@ -266,6 +266,7 @@ class Transitions:
         plane = any(state == SLIDING and len(kin.contacts[i].slip) > 1 for i, state in enumerate(states))
         kept = self._independent(t, y, touch, states)
         mode = Mode(tuple(states), tuple(kept_ways), kept, slowest=self._slowest if plane else 0.0)
+        mode = replace(mode, still=self.modes.leaves_no_freedom(mode))
         slight = SLIGHT * float(terms.max()) * max(abs(t), self._moment)
         begins = {kin.normals[i]: slight for i in {*resting, *released} if states[i] == OPEN}
         for i, way in slides.items():
@@ -319,6 +320,8 @@ class Transitions:
         held = self._held_rows(mode.states)
         if not held and not begins:
             return y
+        if mode.still:
+            return np.where(np.arange(len(y)) < self._layout.q.stop, y, 0.0)
         y, rows = y.copy(), [*held, *begins]
         changes = np.array([*np.zeros(len(held)), *begins.values()]) - touch.rates[rows]
         v = y[self._layout.v].copy()

@@ -252,11 +252,13 @@ class SolverDriver:
         The solvers' own choice of a first step depends on absolute times.
         """
         plan, law = self._plan, self._law
-        if not plan.tolerances.share or (state.floors > LEAST_FLOOR).any():
+        known = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None
+        if not plan.tolerances.share or known:
             return np.inf
         model, left = plan.problem.model, float(state.reals[S.END]) - t
         counted = law.counted(slopes_of(model, law.parameters))
-        state.floors[:], period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
+        found, period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
+        state.floors[:] = np.maximum(state.floors, found)
         if some_rounded(model.layout, state.floors):
             state.floors[:] = np.maximum(state.floors, noise_floors(model, law.parameters, t, y, left))
         if not plan.first:

@@ -1,0 +1,352 @@
+"""Transitions between modes against a derivation of their own: SymPy's Euler-Lagrange equations, solved to 30 digits.
+
+All combinations of states are tried, as Coulomb's and Newton's laws are written: a body with two arms, whose ends touch
+a belt and a wall that moves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, sin
+
+import lagrange as lg
+from lagrange.trajectory.contact.kinematics import Kinematics
+from lagrange.trajectory.contact.modes import Mode, modes_of
+from lagrange.trajectory.contact.transition import Behind, Transitions
+
+Q = x, y, theta, phi, psi = lg.coordinates("x y theta phi psi")
+PARAMETERS = lg.parameters("g belt away mu_belt mu_wall nu_belt nu_wall e_belt e_wall", positive=False)
+g, belt, away, mu_belt, mu_wall, nu_belt, nu_wall, e_belt, e_wall = PARAMETERS
+DIGITS, TIME, ERROR = 30, 0.3, 1e-11
+"""The last is the largest difference, relative to the largest entry: double numbers, with a condition of 1e4."""
+
+OPEN, SLIDING, STICKING = "open", "sliding", "sticking"
+CASES = ((OPEN, 0), (STICKING, 0), (SLIDING, 1), (SLIDING, -1))
+
+
+def arm(angle: Any, side: int, length: Any) -> sympy.Matrix:
+    """Return the point of an arm at a distance from its joint on the body."""
+    return sympy.Matrix([x + side * cos(theta) / 2, y + side * sin(theta) / 2]) + length * sympy.Matrix(
+        [cos(angle), sin(angle)]
+    )
+
+
+@cache
+def system() -> lg.System:
+    kinetic: Any = x.dot**2 + y.dot**2 + theta.dot**2 / 6
+    potential: Any = 2 * g * y
+    for angle, side, mass in ((phi, -1, 0.7), (psi, 1, 0.4)):
+        middle = arm(angle, side, sympy.Rational(2, 5))
+        kinetic += mass * (middle.diff(lg.t).dot(middle.diff(lg.t)) + sympy.Rational(4, 75) * angle.diff(lg.t) ** 2) / 2
+        potential += mass * g * middle[1]
+    (left, low), (right, high) = (arm(angle, side, sympy.Rational(4, 5)) for angle, side in ((phi, -1), (psi, 1)))
+    contacts = {
+        "belt": lg.contact(low, left.diff(lg.t) - belt, friction=(mu_belt, nu_belt), restitution=e_belt),
+        "wall": lg.contact(
+            away - right + sin(lg.t) / 10, high.diff(lg.t), friction=(mu_wall, nu_wall), restitution=e_wall
+        ),
+    }
+    return lg.System(
+        kinetic, potential, contacts=contacts, parameters=dict.fromkeys(PARAMETERS, 0.5), simultaneous="newton"
+    )
+
+
+@cache
+def derived() -> Any:
+    """Return M, h, and of both gaps and slips in turn: rates, their gradients and biases, as a function in mpmath."""
+    stated, t = system().statement, lg.t
+    v = [q.diff(t) for q in Q]
+    laws = sympy.Matrix(
+        [stated.lagrangian.diff(rate).diff(t) - stated.lagrangian.diff(q) for q, rate in zip(Q, v, strict=True)]
+    )
+    rates = sympy.Matrix([rate for each in stated.contacts for rate in (each.gap.diff(t), *each.slip)])
+    a = sympy.symbols("a:5")
+    symbols = dict(
+        zip((*(q.diff(t, 2) for q in Q), *v, *Q), (*a, *sympy.symbols("v:5"), *sympy.symbols("q:5")), strict=True)
+    )
+    laws, changes, rates = (part.xreplace(symbols) for part in (laws, rates.diff(t), rates))
+    still = dict.fromkeys(a, 0)
+    parts = laws.jacobian(a), -laws.subs(still), rates, rates.jacobian(sympy.symbols("v:5")), changes.subs(still)
+    return sympy.lambdify([sympy.symbols("q:5"), sympy.symbols("v:5"), t, PARAMETERS], parts, "mpmath", cse=True)
+
+
+@dataclass
+class State:
+    """A state with zero gaps, its parameters, and which contacts are closed."""
+
+    q: list[Any]
+    v: list[Any]
+    values: dict[Any, float]
+    closed: tuple[int, ...]
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        return tuple(map(mpmath.matrix, derived()(self.q, self.v, TIME, list(self.values.values()))))
+
+    def with_rates(self, rates: dict[int, float]) -> None:
+        """Change velocities by M^-1 so that some of the rates have given values."""
+        for _ in range(2):
+            mass, _, before, directions, _ = self.parts
+            some = list(rates)
+            rows = mpmath.matrix([[directions[i, j] for j in range(5)] for i in some])
+            response = mpmath.inverse(mass) * rows.T
+            change = response * mpmath.lu_solve(rows * response, mpmath.matrix([rates[i] - before[i] for i in some]))
+            self.v = [float(a + b) for a, b in zip(self.v, change, strict=True)]
+
+    def of_program(self) -> tuple[Transitions, Kinematics, np.ndarray]:
+        model = system().compile()
+        parameters = np.array(list(self.values.values()))
+        kinematics = Kinematics(model, parameters)
+        return Transitions(modes_of(model), kinematics, 1.0, 1e-12), kinematics, np.array([*self.q, *self.v], float)
+
+
+def drawn(seed: int, closed: Sequence[int]) -> State:
+    """Return a random state in which the gaps of some contacts are zero, and others open."""
+    random = np.random.default_rng(seed)
+    q = [float(random.normal()), 0.0, *random.normal(size=3).tolist()]
+    values = dict(
+        zip(
+            PARAMETERS, (9.81, float(random.normal()) / 3, 0.0, *random.uniform(0.1, 0.9, size=6).tolist()), strict=True
+        )
+    )
+    for mu, nu in ((mu_belt, nu_belt), (mu_wall, nu_wall)):
+        values[nu] = values[mu] * float(random.choice([0.7, 1.0]))
+    low, right = (
+        (row[k].subs(dict(zip(Q, q, strict=True)))) for row, k in ((arm(phi, -1, 0.8), 1), (arm(psi, 1, 0.8), 0))
+    )
+    q[1] = int(0 not in closed) - float(low)
+    values[away] = float(right) - math.sin(TIME) / 10 + int(1 not in closed)
+    return State(q, random.normal(size=5).tolist(), values, tuple(closed))
+
+
+Laws = dict[int, tuple[float, float, int]]
+Solution = tuple[Any, Any, Any]
+
+
+def balance(state: State, right: Any, rows: dict[int, Any], laws: Laws, cases: Sequence[tuple[str, int]]) -> Solution:
+    """Return the changes of velocities (5,), the forces and the rates by row in some cases of contacts.
+
+    M x = right + forces, and the rates are D x + rows. A law: static and kinetic friction, and the sign of the slip,
+    zero at rest.
+    """
+    mass, _, _, directions, _ = state.parts
+    inverse = mpmath.inverse(mass)
+    free, response = inverse * right, inverse * directions.T
+    matrix, shift = directions * response, directions * free
+    active, columns = list[int](), list[Any]()
+    for (i, (_, kinetic, _)), (case, way) in zip(laws.items(), cases, strict=True):
+        unit = mpmath.eye(4)
+        normal, along = unit[:, 2 * i], unit[:, 2 * i + 1]
+        active += {OPEN: [], STICKING: [2 * i, 2 * i + 1], SLIDING: [2 * i]}[case]
+        columns += {OPEN: [], STICKING: [normal, along], SLIDING: [normal - kinetic * way * along]}[case]
+    forces = mpmath.zeros(4, 1)
+    if active:
+        square = mpmath.matrix([[(matrix[row, :] * column)[0] for column in columns] for row in active])
+        sizes = mpmath.lu_solve(square, mpmath.matrix([-shift[row] - rows[row] for row in active]))
+        for column, size in zip(columns, sizes, strict=True):
+            forces += size * column
+    after = matrix * forces + shift
+    return free + response * forces, forces, {row: after[row] + rate for row, rate in rows.items()}
+
+
+def solutions(state: State, right: Any, rows: dict[int, Any], laws: Laws) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the cases, the changes of velocities (5,) and the forces (4,) that obey all laws; see `balance`."""
+    for cases in itertools.product(CASES, repeat=len(laws)):
+        changes, forces, after = balance(state, right, rows, laws, cases)
+        obeys = True
+        for (i, (static, _, slip)), (case, way) in zip(laws.items(), cases, strict=True):
+            push, along = forces[2 * i], forces[2 * i + 1]
+            if case == OPEN:
+                obeys &= after[2 * i] > 0
+            if case == STICKING:
+                obeys &= slip == 0 and push > 0 and abs(along) <= static * push
+            if case == SLIDING:
+                obeys &= push > 0 and (slip == way or (slip == 0 and way * after[2 * i + 1] > 0))
+        if obeys:
+            yield cases, changes, forces
+
+
+def motions(state: State, slips: dict[int, int]) -> list[Solution]:
+    """Return the motions of a state whose contacts have closed gaps and `slips` of some sign, zero at rest."""
+    _, force, _, _, bias = state.parts
+    laws = {i: (*frictions(state, i), sign) for i, sign in slips.items()}
+    found = list(solutions(state, force, {row: bias[row] for i in slips for row in (2 * i, 2 * i + 1)}, laws))
+    # What static friction holds does not slide.
+    return [one for one in found if not any(displaces(other[0], one[0]) for other in found)]
+
+
+def displaces(one: Any, other: Any) -> bool:
+    return one != other and all(
+        a == b or (a[0] == STICKING and b[0] == SLIDING) for a, b in zip(one, other, strict=True)
+    )
+
+
+def frictions(state: State, i: int) -> tuple[float, float]:
+    return [(state.values[mu_belt], state.values[nu_belt]), (state.values[mu_wall], state.values[nu_wall])][i]
+
+
+def assert_same_motion(state: State, found: Behind, expected: Solution, slips: dict[int, int]) -> None:
+    """Compare modes, and the accelerations and forces of the compiled model of the mode."""
+    cases, accelerations, forces = expected
+    states = dict(zip(slips, cases, strict=True))
+    assert found.mode.states == tuple(states.get(i, (OPEN, 0))[0] for i in range(2))
+    assert found.mode.ways == tuple(states.get(i, (OPEN, 0))[1] or None for i in range(2))
+    model = modes_of(system().compile()).model_of(found.mode)
+    parameters = np.array(list(state.values.values()))
+    computed = model.accelerations(found.y[:5], found.y[5:], TIME, parameters)
+    exact = np.array([float(each) for each in accelerations])
+    assert np.abs(computed - exact).max() < ERROR * np.abs(exact).max()
+    multipliers = (
+        () if model.statement.constraints == () else model.multipliers(found.y[:5], found.y[5:], TIME, parameters)
+    )
+    for constraint, force in zip(model.statement.constraints, multipliers, strict=True):
+        row = 2 * ("wall" in constraint.name) + (constraint.name not in ("belt", "wall"))
+        assert force == pytest.approx(float(forces[row]), abs=ERROR * float(mpmath.norm(forces)))
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (0, 1)])
+def test_motion_after_a_transition(closed: tuple[int, ...]) -> None:
+    """Slips that go on, stop, reverse or stay at rest; contacts that stay or are released."""
+    met = set()
+    for seed in range(24):
+        with mpmath.workdps(DIGITS):
+            state, random = drawn(seed, closed), np.random.default_rng(seed)
+            slips = {i: int(random.choice([-1, 0, 0, 1])) for i in closed}
+            state.with_rates({2 * i: 0.0 for i in closed} | {2 * i + 1: 0.4 * slip for i, slip in slips.items()})
+            expected = motions(state, slips)
+        transitions, _, at = state.of_program()
+        before = {i: slip or int(random.choice([-1, 1])) for i, slip in slips.items()}
+        mode = Mode(tuple(SLIDING if i in closed else OPEN for i in range(2)), tuple(map(before.get, range(2))))
+        if len(expected) != 1:
+            with pytest.raises(lg.RunError):
+                transitions.behind(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+            continue
+        found = transitions.behind(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+        assert_same_motion(state, found, expected[0], slips)
+        for (i, slip), case in zip(slips.items(), expected[0][0], strict=True):
+            met.add((case[0], "reverses" if slip == 0 and case[1] == -before[i] else "goes on"))
+    assert (SLIDING, "reverses") in met and len(met) >= 3
+
+
+@pytest.mark.parametrize("hits", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("rests", [(), (0,), (1,)])
+def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tuple[int, ...]) -> None:
+    """Newton's law for gaps, Coulomb's for impulses; one contact may rest while the other hits."""
+    if set(hits) & set(rests):
+        return
+    met, closed = set(), sorted({*hits, *rests})
+    for seed in range(24):
+        with mpmath.workdps(DIGITS):
+            state, random = drawn(seed, closed), np.random.default_rng(seed)
+            speeds = {2 * i: -random.uniform(0.2, 2) if i in hits else 0.0 for i in closed}
+            state.with_rates(speeds)
+            mass, _, before, directions, _ = state.parts
+            e = [state.values[e_belt], state.values[e_wall]]
+            rows = {2 * i: before[2 * i] * (1 + e[i] * (i in hits)) for i in closed}
+            rows |= {2 * i + 1: before[2 * i + 1] for i in closed}
+            laws = {i: (frictions(state, i)[1],) * 2 + (0,) for i in closed}
+            expected = list(solutions(state, mpmath.zeros(5, 1), rows, laws))
+        transitions, _, at = state.of_program()
+        if len(expected) != 1:
+            continue
+        cases, changes, impulses = expected[0]
+        mode = Mode(
+            tuple(SLIDING if i in rests else OPEN for i in range(2)), tuple(1 if i in rests else None for i in range(2))
+        )
+        try:
+            found = transitions.behind(TIME, at, mode, met=hits)
+        except lg.RunError:  # the motion after the impact may be undetermined
+            continue
+        met |= {case for i, (case, _) in zip(closed, cases, strict=True) if i in hits}
+        exact = np.array([float(v + change) for v, change in zip(state.v, changes, strict=True)])
+        if not any(state != OPEN for state in found.mode.states):
+            assert np.abs(found.y[5:] - exact).max() < ERROR * np.abs(exact).max()
+        records = dict(found.impacts)
+        for i in closed:
+            record = records.get(i)
+            pair = (record.impulse, *record.friction_impulse) if record else (0.0, 0.0)
+            assert pair == pytest.approx([float(impulses[2 * i]), float(impulses[2 * i + 1])], abs=ERROR * 10)
+        energy = [float((u.T * mass * u)[0] / 2) for u in (mpmath.matrix(state.v), mpmath.matrix(state.v) + changes)]
+        # Surfaces that move do work: impulses times their own velocities.
+        moved = before - directions * mpmath.matrix(state.v)
+        work = float(sum(impulse * moved[row] for row, impulse in enumerate(impulses)))
+        assert sum(record.energy_lost for record in records.values()) + work == pytest.approx(
+            energy[0] - energy[1], abs=ERROR * 10
+        )
+    assert met >= {STICKING, SLIDING}
+
+
+@pytest.mark.parametrize("closed", [(0,), (0, 1)])
+def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...]) -> None:
+    """The static coefficient is that of the forces that hold the belt's contact."""
+    count = 0
+    for seed in range(24):
+        with mpmath.workdps(DIGITS):
+            state = drawn(seed, closed)
+            slips = {0: 0, 1: 1} if 1 in closed else {0: 0}
+            state.with_rates({2 * i: 0.0 for i in closed} | {2 * i + 1: 0.4 * slip for i, slip in slips.items()})
+            state.values[mu_belt] = state.values[nu_belt] = 1e3
+            held = [one for one in motions(state, slips) if one[0][0][0] == STICKING and (OPEN, 0) not in one[0]]
+            if len(held) != 1:
+                continue
+            forces = held[0][2]
+            state.values[mu_belt] = float(abs(forces[1]) / forces[0])
+            state.values[nu_belt] = 0.8 * state.values[mu_belt]
+            way = -int(mpmath.sign(forces[1]))
+            # Friction drops to the kinetic one, so the contact slides as it is pushed.
+            expected = [one for one in motions(state, slips | {0: way}) if one[0][0] == (SLIDING, way)]
+        transitions, _, at = state.of_program()
+        mode = Mode(tuple((STICKING, SLIDING)[i] if i in closed else OPEN for i in range(2)), (None, slips.get(1)))
+        if len(expected) != 1:
+            continue
+        found = transitions.behind(TIME, at, mode, freed=[0])
+        assert_same_motion(state, found, expected[0], slips)
+        count += 1
+    assert count > 5
+
+
+@pytest.mark.parametrize("closed", [(0,), (0, 1)])
+def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) -> None:
+    """Gravity is that at which the belt's contact has no force: accelerations do not jump where it opens."""
+    count = 0
+    for seed in range(24):
+        with mpmath.workdps(DIGITS):
+            state = drawn(seed, closed)
+            slips = dict.fromkeys(closed, 1)
+            state.with_rates({2 * i: 0.0 for i in closed} | {2 * i + 1: 0.4 for i in closed})
+            pushes = []
+            for gravity in (0.0, 1.0):
+                state.values[g] = gravity
+                _, force, _, _, bias = state.parts
+                rows = {row: bias[row] for i in closed for row in (2 * i, 2 * i + 1)}
+                laws = {i: (*frictions(state, i), 1) for i in closed}
+                pushes.append(balance(state, force, rows, laws, [(SLIDING, 1)] * len(closed))[1][0])
+            state.values[g] = float(pushes[0] / (pushes[0] - pushes[1]))
+            del slips[0]
+            expected = motions(state, slips)
+        transitions, _, at = state.of_program()
+        mode = Mode(
+            tuple(SLIDING if i in closed else OPEN for i in range(2)),
+            tuple(1 if i in closed else None for i in range(2)),
+        )
+        if len(expected) != 1:
+            continue
+        found = transitions.behind(TIME, at, mode, released=[0])
+        assert_same_motion(state, found, expected[0], slips)
+        model = modes_of(system().compile()).model_of(mode)
+        closed_yet = model.accelerations(found.y[:5], found.y[5:], TIME, np.array(list(state.values.values())))
+        exact = np.array([float(each) for each in expected[0][1]])
+        if expected[0][0] == ((SLIDING, 1),) * len(slips):
+            assert np.abs(closed_yet - exact).max() < ERROR * np.abs(exact).max()
+            count += 1
+    assert count > 5
