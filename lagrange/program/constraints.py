@@ -51,14 +51,18 @@ def projection(equations: Equations) -> Named:
     turned = equations.plan.solved(equations.matrix, [*[zero] * n, *substitute(missing, known)])[:n]
     known |= dict(zip(dv, turned, strict=True))
 
-    values = [value for value in (*phi, *held.velocities) if value is not zero]
+    places = [value for value in phi if value is not zero]
+    values = [*places, *(value for value in held.velocities if value is not zero)]
     direction = dict(zip((*equations.q, *equations.v), (*dq, *dv), strict=True))
     first = tangents(values, direction)
     slopes = list(map(first, values))
     second = tangents(slopes, direction)
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
     sizes = term_sizes(values)
-    shares, rest = (_shares(part, sizes) for part in (values, left))
+    # At rest the terms of rates are rounding: what the corrections add to them is larger.
+    added = substitute(term_sizes(slopes[len(places) :]), known)
+    later = [*sizes[: len(places)], *(size + more for size, more in zip(sizes[len(places) :], added, strict=True))]
+    shares, rest = _shares(values, sizes), _shares(left, later)
 
     def worst(of: Sequence[Node]) -> Node:
         return reduce(lambda a, b: graph.call("max", a, b), of, zero)
