@@ -110,15 +110,19 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        raise damaged(path, (" ".join(str(error).split()) or type(error).__name__)[:120]) from error
+        raise damaged(path, _reason(error)) from error
 
 
 def damaged(path: Path, reason: str) -> RunError:
-    """Return the error for a store whose files differ from those that were written."""
+    """Return the error for a store with blocks that differ from those that were written."""
     return RunError(
         f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
         "again, give another store, or restore this one."
     )
+
+
+def _reason(error: Exception) -> str:
+    return (" ".join(str(error).split()) or type(error).__name__)[:120]
 
 
 def checksum(rows: Any) -> int:
@@ -222,9 +226,16 @@ def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
     with writing(path):
         for rest in path.rglob("*.partial"):
             rest.unlink(missing_ok=True)
-    with reading(path):
-        group = _zarr().open_group(str(path), mode="r+")
     names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
+    try:
+        group = _zarr().open_group(str(path), mode="r+")
+        for name in (*names, CHECKSUM):
+            group[name]
+    except DAMAGE as error:
+        raise RunError(
+            f"{str(path)[:120]} is damaged in a file that describes it ({_reason(error)}): give another store, or "
+            "restore this one."
+        ) from error
     return StoreBlocks(path, group, names, len(table), made_of["block"])
 
 

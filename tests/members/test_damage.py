@@ -75,6 +75,8 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
     if caught.error is not None:
         said = str(caught.error)
         assert isinstance(caught.error, lg.LagrangeError) and said.isprintable() and 20 < len(said) <= 400
+        # A second call finds the same file.
+        assert "same call again" not in said
         return False
     done = found["status"] == right["status"]
     for name, rows in found.items():
