@@ -22,6 +22,7 @@ from lagrange.statement.given.function import with_values
 from lagrange.statement.number import real_array
 from lagrange.statement.rotation import check_start
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Trajectory
@@ -116,7 +117,8 @@ def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallbac
     It is the geometric mean over the nonzero eigenvalues of a state, and the median over the states.
     """
     periods = []
-    for state in states[:: max(1, len(states) // 16)]:
+    followed = with_rates(model, 0.0, states[:: max(1, len(states) // 16)].T, parameters)
+    for state in followed.T[np.isfinite(followed).all(axis=0)]:
         try:
             jacobian = model.jacobian(0.0, state, parameters)
         except RunError:

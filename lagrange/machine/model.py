@@ -20,7 +20,15 @@ from lagrange.errors import RunError, StatementError, abridged, counted, listing
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.graph.term_size import term_sizes
-from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
+from lagrange.machine.backend import (
+    FloatArray,
+    Kernel,
+    KernelProvider,
+    Machine,
+    QuickCalls,
+    Series,
+    SingularMassMatrix,
+)
 from lagrange.machine.calls import Quick, column_of_zero, may_vanish, nothing, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
@@ -43,6 +51,9 @@ UNSET = 1e-2
 
 Steps of loose tolerances violate it by some 1e-3.
 """
+
+RATES = ("rhs", "accelerations", "jacobian", "multipliers")
+"""Quantities that follow from the velocities of coordinates of first order, which are checked for zeros."""
 
 NO_QUANTITY = "{given} is not a quantity of a model: they are {known}."
 
@@ -184,19 +195,14 @@ class Model:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
 
         Velocities of coordinates without inertia follow from their equations: StatementError refuses zeros in their
-        place, since y would rest.
+        place, since y would rest. So do `accelerations`, `jacobian` and `multipliers`.
         """
         found = self._quick_rhs(t, y) if parameters is None else None
-        if found is not None:
-            return found
-        state = self._checked_state(y)
-        if self.equations.first_order:
-            self._check_rates(t, state, parameters)
-        return self._run("rhs", t, state, parameters)
+        return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
         """Look up the quick call of the right-hand side, which replaces this method from then on."""
-        self._quick_rhs = nothing if self.equations.first_order else self._quick["rhs"].whole
+        self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
 
     def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
@@ -325,9 +331,14 @@ class Model:
 
     @cached_property
     def _quick(self) -> Quick:
-        return Quick(self.kernel, self.parameter_array)
+        quick = Quick(self.kernel, self.parameter_array)
+        # Quick calls check no velocities.
+        quick |= dict.fromkeys(RATES if self.equations.first_order else (), QuickCalls(nothing, nothing))
+        return quick
 
     def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
+        if self.equations.first_order and name in RATES:
+            self._check_rates(t, state, parameters)
         return self._call(self.kernel(name), t, state, parameters)
 
     def _call(self, kernel: Kernel, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:

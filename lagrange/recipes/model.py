@@ -37,7 +37,8 @@ class Model(compiled.Model):
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
         """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
 
-        They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
+        They call the machine code of this model, and take velocities of coordinates without inertia as they are:
+        `as_scipy().y0(initial)` has those that follow. Raises StatementError without Numba, and on the numpy target.
         """
         return numba_function(self, quantity)
 
@@ -46,7 +47,8 @@ class Model(compiled.Model):
 
         y has shape (2n,), p is `parameter_array()`; its last entries are the inputs. The result is NaN throughout where
         a mass matrix is singular. `.checked(t, y, p)` returns (result, whether it is singular), and `.source` is the
-        code. Raises StatementError without JAX, and where JAX computes in single precision.
+        code. Velocities of coordinates without inertia are taken as they are: `as_scipy().y0(initial)` has those that
+        follow. Raises StatementError without JAX, and where JAX computes in single precision.
         """
         return jax_function(self, quantity)
 
@@ -55,6 +57,7 @@ class Model(compiled.Model):
 
         y has 2n entries, p is `parameter_array()`; its last entries are the inputs. The result is NaN throughout where
         a mass matrix is singular; with `status` there is a second result, 1 where it is singular and 0 elsewhere.
+        Velocities of coordinates without inertia are taken as they are: `as_scipy().y0(initial)` has those that follow.
         Raises StatementError without CasADi.
         """
         return casadi_function(self, quantity, symbols, status=status)

@@ -57,6 +57,10 @@ def test_a_velocity_of_zero_that_contradicts_its_equation_is_refused(target: str
         model.rhs(0.0, [0.0, 0.0])
     with pytest.raises(StatementError, match=r"Start from model.as_scipy"):
         model.rhs(0.0, [[1.0, 0.0], [0.0, 0.0]])
+    with pytest.raises(StatementError, match=r"e has no inertia"):
+        model.jacobian(0.0, [0.0, 0.0])
+    with pytest.raises(StatementError, match=r"e has no inertia"):
+        model.accelerations([0.0], [0.0])
     # At rest in equilibrium, and where a velocity was given.
     assert model.rhs(0.0, [1.0, 0.0]).tolist() == [0.0, 0.0]
     assert model.rhs(0.0, [0.0, 1.0]).tolist() == [1.0, -1.0]
