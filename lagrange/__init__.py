@@ -16,9 +16,19 @@ Names are loaded when they are first used, so that `import lagrange` is fast.
 
 from __future__ import annotations
 
+import copyreg
 from importlib import import_module
+from types import MappingProxyType
 
 __version__ = "0.1.0"
+
+
+def _view(entries: dict[object, object]) -> MappingProxyType[object, object]:
+    """Return a read-only view of a dict. Records have such views; pickle finds this function by its name."""
+    return MappingProxyType(entries)
+
+
+copyreg.pickle(MappingProxyType, lambda view: (_view, (dict(view),)))
 
 
 def _homes() -> dict[str, str]:

@@ -63,19 +63,10 @@ class Equilibrium(ShownAsPage):
         where = "" if self.condition == sympy.true else f", where {self.condition}"
         return f"<Equilibrium: {point}; {word}{where}>"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return _again, ({**values, "coordinates": dict(self.coordinates), "velocities": dict(self.velocities)},)
-
     @property
     def at(self) -> dict[Any, Any]:
         """The point as an argument for `linearize` and `modes`; arbitrary coordinates are zero in it."""
         return {q: x for q, x in self.coordinates.items() if x != q} | dict(self.velocities)
-
-
-def _again(values: dict[str, Any]) -> Equilibrium:
-    views = {name: MappingProxyType(values[name]) for name in ("coordinates", "velocities")}
-    return Equilibrium(**(values | views))
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:

@@ -238,10 +238,6 @@ class Hamiltonian(ShownAsPage):
     def __repr__(self) -> str:
         return f"<Hamiltonian: {self.expression}>"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        views = (dict(self.momenta), dict(self.velocities), dict(self.forces))
-        return Hamiltonian, (self.expression, *views, self.statement, self.made)
-
     def equations(self) -> list[Any]:
         """Return Hamilton's equations, a list of SymPy Eq: the rates of the coordinates, then those of the momenta."""
         rates = [sympy.Eq(velocity_of(q), self._slope(p), evaluate=False) for q, p in self.momenta.items()]

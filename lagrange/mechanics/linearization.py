@@ -75,10 +75,6 @@ class Linearization(ShownAsPage):
     def __repr__(self) -> str:
         return f"<Linearization: {self.note} M = {self.M.tolist()}, C = {self.C.tolist()}, K = {self.K.tolist()}>"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return _again, ({**values, "at": dict(self.at)},)
-
     @property
     def first_order(self) -> bool:
         """True for states of first order, without inertia: then C x' + K x = (input matrix) u."""
@@ -146,10 +142,6 @@ class Linearization(ShownAsPage):
                 f"the {what} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
                 "coordinates that are regular there."
             ) from None
-
-
-def _again(values: dict[str, Any]) -> Linearization:
-    return Linearization(**{**values, "at": MappingProxyType(values["at"])})
 
 
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:

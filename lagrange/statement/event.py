@@ -70,10 +70,6 @@ class Event:
         tables = "".join(f", {name}={shown(dict(table))}" for name, table in stated if table)
         return f"<Event: {shown(self.expression)} = 0, direction={self.direction}, terminal={self.terminal}{tables}>"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Read-only views of dicts do not pickle.
-        return Event, (self.expression, self.direction, self.terminal, dict(self.reset), dict(self.settings))
-
 
 def event(
     expression: Any, *, direction: float = 0, terminal: bool | int = False, reset: Mapping[Any, Any] | None = None

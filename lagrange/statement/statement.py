@@ -58,10 +58,6 @@ REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """Treatment of constraints that follow from others: refuse them, or let them share the constraint forces."""
 
 
-_VIEWS = ("defaults", "positions", "surfaces", "dimensions")
-"""Fields of a statement that are read-only views of dicts."""
-
-
 @dataclass(frozen=True, eq=False)
 class Statement:
     """A mechanical system as stated: n coordinates, their energies, forces, parameters and initial state.
@@ -122,13 +118,8 @@ class Statement:
         return f"<Statement of {self.name}: {abridged(self.names)}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        # Read-only views of dicts do not pickle, and cached properties are computed again.
-        stored = {one.name: getattr(self, one.name) for one in fields(self)}
-        return stored | {name: dict(getattr(self, name)) for name in _VIEWS}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        views = {name: MappingProxyType(state[name]) for name in _VIEWS}
-        self.__dict__.update(state | views)
+        # Cached properties are computed again.
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def mapped(self, change: Callable[[Any], Any]) -> Statement:
         """Return the statement with a function applied to each of its expressions."""
