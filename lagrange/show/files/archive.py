@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import math
 import os
 import stat
 import struct
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,9 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
             kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
             raise StatementError(f"{_named(path)} is {kind}: give a file that solution.to_npz wrote.")
         with zipfile.ZipFile(file) as archive:
-            return _read(archive, path, most)
+            _check_sizes([one.file_size for one in archive.infolist()], path, most)
+        with np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
     except StatementError:
         raise
     except OSError as error:
@@ -53,34 +54,10 @@ def _named(path: Any) -> str:
     return shown(os.fspath(path), 120)
 
 
-def _read(archive: zipfile.ZipFile, path: Any, most: float) -> dict[str, Any]:
-    """Return the arrays of an archive, one after the other."""
-    infos = archive.infolist()
-    total = sum(one.file_size for one in infos)
-    if len(infos) > MOST_ARRAYS or total > most:
+def _check_sizes(sizes: Sequence[int], path: Any, most: float) -> None:
+    """Raise StatementError for too many arrays, or for more bytes in them than `most`."""
+    if len(sizes) > MOST_ARRAYS or sum(sizes) > most:
         raise StatementError(
-            f"{_named(path)} has {counted(len(infos), 'array')} of {total:.3g} bytes together, and a run from a file "
-            f"may have {MOST_ARRAYS} of {most:.3g} bytes, a quarter of the memory: write a run with fewer outputs."
+            f"{_named(path)} has {counted(len(sizes), 'array')} of {sum(sizes):.3g} bytes together, and a run from a "
+            f"file may have {MOST_ARRAYS} of {most:.3g} bytes, a quarter of the memory: write a run with fewer outputs."
         )
-    found: dict[str, Any] = {}
-    for one in infos:
-        name = one.filename.removesuffix(".npy")
-        if name in found:
-            raise ValueError(f"two arrays have the name {name[:40]}")
-        found[name] = _array(archive.read(one))
-    return found
-
-
-def _array(content: bytes) -> Any:
-    """Return the array of an npy file, whose header states its size."""
-    file = io.BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in readers:
-        raise ValueError(f"its arrays have the version {version}")
-    shape, by_columns, dtype = readers[version](file)
-    size = math.prod(shape)
-    if dtype.hasobject or min(shape, default=0) < 0 or size * dtype.itemsize != len(content) - file.tell():
-        raise ValueError(f"an array of shape {shape} and type {dtype} has {len(content)} bytes")
-    flat = np.frombuffer(content, dtype, size, file.tell()) if size * dtype.itemsize else np.empty(size, dtype)
-    return flat.reshape(shape, order="F" if by_columns else "C").copy()
