@@ -489,9 +489,7 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
     check_multipliers(
         survey.multipliers, "the expression", [constraint.name for constraint in statement.constraints], statement.name
     )
-    for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
-        if leaf not in equations.leaves:
-            raise StatementError(f"the expression contains {leaf}, which this system does not have.")
+    survey.require(equations.leaves, "the expression", ".")
     return equations.translate(expression)
 
 

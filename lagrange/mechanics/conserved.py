@@ -272,15 +272,11 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
         # Proofs need exact numbers: a decimal becomes the fraction that its digits denote.
         shift[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
         survey.add(shift[by_name[label]], what)
-        known = (*statement.coordinates, *statement.parameters)
+        known = (*statement.coordinates, *statement.given, *statement.parameters)
         if survey.velocities or (label == t.name and (survey.coordinates or shift[t].has(t))):
             where = "parameters alone" if label == t.name else "coordinates, parameters and t"
             raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
-        for leaf in (*survey.coordinates, *survey.parameters):
-            if leaf not in known:
-                raise StatementError(
-                    f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
-                )
+        survey.require(known, what, f"; it has {listing(map(str, known))}.")
     return shift
 
 

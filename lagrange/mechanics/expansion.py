@@ -303,7 +303,7 @@ class _StatementExpansion:
             term = along.xreplace({_SIZE: sympy.S.Zero}) / sympy.factorial(power)
             if term.has(sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds):
                 raise StatementError(
-                    f"{what} has no expansion about {self.where}: it, or a derivative up to order {order}, is not "
+                    f"{what} has no expansion about {self.point.where}: it, or a derivative up to order {order}, is not "
                     "finite there. Choose another point, or coordinates that are regular at it."
                 )
             total += self.collected(term)
@@ -327,7 +327,7 @@ class _StatementExpansion:
         for edge in edges(given):
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **here})) == 0:
                 raise StatementError(
-                    f"{what} has no expansion about {self.where}: it has a corner or a jump where "
+                    f"{what} has no expansion about {self.point.where}: it has a corner or a jump where "
                     f"{formula(printable(edge), 60)} is zero, which is there. Choose a point beside it."
                 )
 
@@ -351,22 +351,14 @@ class _StatementExpansion:
         ]
         if lost:
             raise StatementError(
-                f"about {self.where} the Lagrangian to order {self.order} has no velocity of {listing(lost)} in it, "
+                f"about {self.point.where} the Lagrangian to order {self.order} has no velocity of {listing(lost)} in it, "
                 "whose inertia vanishes there: choose coordinates that are regular at that point, or another point."
             )
 
     @property
-    def where(self) -> str:
-        """The point in words: every coordinate, and the velocities that are not zero."""
-        names = self.form.statement.state_names
-        n = len(self.form.q)
-        pairs = zip(names, self.values, strict=True)
-        return listing(f"{name} = {shown(x)}" for i, (name, x) in enumerate(pairs) if i < n or x != 0)
-
-    @property
     def note(self) -> str:
         """Description of the expansion. It states if the point is not an equilibrium."""
-        done = f"Expanded about {self.where} to order {self.order} in changes of coordinates and velocities."
+        done = f"Expanded about {self.point.where} to order {self.order} in changes of coordinates and velocities."
         if self.balanced:
             return done
         return (

@@ -27,7 +27,7 @@ from lagrange.mechanics.plain_form import (
     size,
 )
 from lagrange.mechanics.reduction import with_origin
-from lagrange.statement.coordinate import coordinate_of, t, velocity_of
+from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.notebook_page import ShownAsPage
@@ -287,12 +287,8 @@ class Hamiltonian(ShownAsPage):
         """Return a user's function of coordinates and momenta in plain symbols; `what` names it in errors."""
         stated, survey = in_own_parameters(expression_of(given, what), self.statement.parameters), Survey()
         survey.add(stated, what)
-        for leaf in (*survey.coordinates, *survey.parameters):
-            if leaf not in (*self.statement.coordinates, *self.statement.parameters):
-                raise StatementError(
-                    f"{what} contains {leaf}, which this system does not have: its coordinates and momenta are "
-                    f"{listing(self.statement.names)}."
-                )
+        known = (*self.statement.coordinates, *self.statement.given, *self.statement.parameters)
+        survey.require(known, what, f": its coordinates and momenta are {listing(self.statement.names)}.")
         rates = {velocity_of(q): self.velocities[q] for q in self.momenta}
         stated = stated.xreplace(rates)
         left = [rate for rate in survey.velocities if rate not in rates]
@@ -375,18 +371,10 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
 
 def _initial(form: PlainForm, momenta: list[Any]) -> dict[Any, float]:
     """Return the initial coordinates, and the momenta where all parameters have values."""
-    statement = form.statement
-    n = len(statement.coordinates)
-    start = dict(zip(statement.coordinates, statement.initial[:n], strict=True))
-    if any(p not in statement.defaults for p in statement.parameters):
-        return start
-    values = {symbol: sympy.Rational(x) for symbol, x in zip((*form.q, *form.v), statement.initial, strict=True)}
-    values |= {p: sympy.Rational(x) for p, x in statement.defaults.items()} | {t: sympy.S.Zero}
-    for symbol, p in zip(momenta, form.momenta, strict=True):
-        value = number(p, values)
-        if value == value and value.imag == 0:
-            start[symbol] = value.real
-    return start
+    coordinates = form.statement.coordinates
+    start = dict(zip(coordinates, form.statement.initial[: len(coordinates)], strict=True))
+    known = zip(momenta, form.initial_momenta, strict=True)
+    return start | {symbol: value for symbol, value in known if value is not None}
 
 
 def _check(form: PlainForm, found: Legendre, model: Model) -> None:

@@ -305,6 +305,15 @@ class PlainForm:
         return tuple(self.lagrangian.diff(v) for v in self.v)
 
     @cached_property
+    def initial_momenta(self) -> tuple[float | None, ...]:
+        """The momenta at the initial state, n of them; None if a parameter has no value."""
+        statement = self.statement
+        values = dict(zip((*self.q, *self.v), statement.initial, strict=True)) | dict(statement.defaults) | {t: 0.0}
+        known = all(p in statement.defaults for p in statement.parameters)
+        found = [number(p, values) if known else complex("nan") for p in self.momenta]
+        return tuple(value.real if value == value and not value.imag else None for value in found)
+
+    @cached_property
     def mass(self) -> Any:
         """d2L/dv2, (n, n)."""
         return sympy.Matrix([[simplest(p.diff(v)) for v in self.v] for p in self.momenta])

@@ -251,7 +251,7 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     numbers = {**{plain[symbol]: number for symbol, number in state}, **statement.defaults}
     values = {symbol: sympy.Float(number) for symbol, number in numbers.items()} | {t: sympy.S.Zero}
     derived = {name: (statement.names.index(name), solved)}
-    derived[f"{name}.dot"] = n + derived[name][0], _rate(solved, statement)
+    derived[f"{name}.dot"] = n + derived[name][0], PlainForm(statement).rate(differentiable(solved))
     for label, (row, known) in derived.items():
         stated, computed = statement.initial[row], printable(known).xreplace(values).evalf()
         if not stated or not computed.is_number:
@@ -263,13 +263,6 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
                 f"there, and {follows} by this expression. Give the expression of the branch that is meant, or other "
                 "initial values."
             )
-
-
-def _rate(solved: Any, statement: Statement) -> Any:
-    """Return the derivative by time of an expression in plain symbols."""
-    smooth, plain = differentiable(solved), statement.plain
-    along = (smooth.diff(plain[q]) * plain[velocity_of(q)] for q in statement.coordinates if smooth.has(plain[q]))
-    return sympy.Add(smooth.diff(t), *along)
 
 
 def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
@@ -329,12 +322,8 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
         raise StatementError(
             f"{what} is {shown(str(stated))}: give an expression in the other coordinates, parameters and t."
         )
-    known = (*statement.coordinates, *statement.parameters)
-    for leaf in (*survey.coordinates, *survey.parameters):
-        if leaf not in known:
-            raise StatementError(
-                f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
-            )
+    known = (*statement.coordinates, *statement.given, *statement.parameters)
+    survey.require(known, what, f"; it has {listing(map(str, known))}.")
     plain = statement.plain
     solved = stated.xreplace(plain)
 
@@ -359,7 +348,7 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     left = [(q, plain[q]) for q in statement.coordinates if q != gone]
     smooth = differentiable(solved)
     slopes = {q: smooth.diff(symbol) for q, symbol in left}
-    rate = _rate(solved, statement)
+    rate = PlainForm(statement).rate(differentiable(solved))
 
     def back(given: Any) -> Any:
         return printable(given).xreplace(stated)

@@ -414,7 +414,7 @@ def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
 def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
     """Return the statement without ignorable coordinates, whose momenta are parameters; tested against the model."""
     routh = routh_of(statement, wanted)
-    values = _momentum_values(routh)
+    values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.places, strict=True)}
     smaller = _without_ignored(routh, statement, values)
     _check_routhian(routh, model)
     if statement.reading is not None:
@@ -483,20 +483,6 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
             raise StatementError(
                 f"{name} is not ignorable: the force on {other} depends on it. Choose another coordinate."
             )
-
-
-def _momentum_values(routh: Routh) -> dict[Any, float | None]:
-    """Return the momenta at the initial state, or None where a parameter has no value."""
-    statement, form = routh.form.statement, routh.form
-    if any(p not in statement.defaults for p in statement.parameters):
-        return dict.fromkeys(routh.symbols)
-    values = {symbol: sympy.Rational(x) for symbol, x in zip((*form.q, *form.v), statement.initial, strict=True)}
-    values |= {p: sympy.Rational(x) for p, x in statement.defaults.items()} | {t: sympy.S.Zero}
-    momenta: dict[Any, float | None] = {}
-    for symbol, i in zip(routh.symbols, routh.places, strict=True):
-        value = number(form.momenta[i], values)
-        momenta[symbol] = value.real if value == value and not value.imag else None
-    return momenta
 
 
 def _check_routhian(routh: Routh, model: Model) -> None:

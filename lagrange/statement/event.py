@@ -247,11 +247,7 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
     """
     survey = _surveyed(expression, what, motion=motion)
     known = (*statement.coordinates, *statement.given, *statement.parameters)
-    for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
-        if leaf not in known:
-            raise StatementError(
-                f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
-                f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
-            )
+    parameters = listing(p.name for p in statement.parameters) or "no parameters"
+    survey.require(known, what, f"; it may contain its coordinates, their velocities, t and {parameters}.")
     check_multipliers(survey.multipliers, what, statement.multiplier_names, statement.name)
     return survey

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import re
-from array import array
-from collections.abc import Iterable, Mapping, Set, Sized
-from itertools import islice
+from collections.abc import Iterable, Sized
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,16 +37,10 @@ MOST_NUMBERS = 2**29
 """Largest number of entries of an array from a user, or computed for it: 4 GiB. Larger arrays are refused before
 allocation: the operating system would end the process without a message."""
 
-MOST_AXES = 32
-"""Largest number of levels of nested lists: the most axes of a NumPy array."""
-
-_FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
+_FLOATS = frozenset((float,))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
 """Types that are refused in place of numbers; NumPy would convert them inside a list."""
-
-_ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
-"""Types that NumPy reads up to their stated length, or does not read as sequences."""
 
 _DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")
 """A text that means an angle in degrees."""
@@ -114,19 +106,17 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     """Return an array whose dtype is of one of `kinds`, letters of `numpy.dtype.kind`."""
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
-    try:
-        entries = value.size if isinstance(value, np.ndarray) else _count(value, what)
-    except (ValueError, OverflowError) as error:  # a length below zero, or beyond all integers of the machine
-        raise StatementError(f"{what} has no length ({shown(str(error))}): give a list of numbers.") from error
+    for kind in set(map(type, value)) if isinstance(value, (list, tuple)) else ():
+        if issubclass(kind, _NO_NUMBERS):
+            raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
+    entries = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, Sized) else 1
     if entries * width > MOST_NUMBERS:
         raise StatementError(
             f"{what} has {entries:.3g} entries, which takes {8 * entries * width / 2**30:.3g} GiB of memory: give "
             f"fewer at once, so that {MOST_NUMBERS / 2**27:g} GiB are enough."
         )
     try:
-        array = np.asarray(_ended(value, entries, what))
-    except StatementError:
-        raise
+        array = np.asarray(value)
     except (ValueError, TypeError, OverflowError) as error:
         raise StatementError(f"{what} is not an array: {str(error).rstrip('.')}. Give rows of one length.") from error
     if array.dtype.kind not in kinds:
@@ -134,45 +124,6 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
             f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
         )
     return array
-
-
-def _ended(value: Any, entries: int, what: str) -> Any:
-    """Return a sequence of a user's class as a list, if it ends.
-
-    NumPy would read it to its end, which may never come. Raises StatementError for more entries than its length.
-    """
-    if type(value) in (list, tuple) or not isinstance(value, Sized):
-        return value
-    ended = isinstance(value, _ENDED) and not isinstance(value, (list, tuple))
-    if ended or getattr(type(value), "__array__", None) is not None:
-        return value
-    sequence: Any = value
-    read = list(islice(iter(sequence), entries + 1))
-    if len(read) > entries:
-        raise StatementError(f"{what} has more entries than the {entries} of its length: give a list of numbers.")
-    return read
-
-
-def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
-    """Return the number of entries of a list, nested lists included.
-
-    Raises StatementError for entries that are not numbers. `above` are the ids of the enclosing lists.
-    """
-    if type(value) not in (list, tuple):
-        return len(value) if isinstance(value, Sized) and not isinstance(value, np.ndarray) else np.size(value)
-    kinds = set(map(type, value))  # far fewer than entries, as a rule
-    if kinds <= _PLAIN:
-        return len(value)
-    if id(value) in above:
-        raise StatementError(f"{what} contains itself: give a list of numbers.")
-    if len(above) > MOST_AXES:
-        raise StatementError(f"{what} is a list in more than {MOST_AXES} lists: give a list of numbers.")
-    for kind in sorted(kinds, key=lambda kind: kind.__name__):
-        if issubclass(kind, _NO_NUMBERS):
-            raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
-    if not any(issubclass(kind, (list, tuple, range, np.ndarray)) for kind in kinds):
-        return len(value)
-    return sum(_count(entry, what, (*above, id(value))) for entry in value)
 
 
 def _as_float(value: Any, what: str) -> float:

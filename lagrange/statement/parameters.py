@@ -51,6 +51,12 @@ class Survey:
             else:
                 _check_supported(node, what)
 
+    def require(self, known: Container[Any], what: str, rest: str) -> None:
+        """Raise StatementError for a leaf that is not among the known ones; `rest` is the end of the sentence."""
+        for leaf in (*self.coordinates, *self.given, *self.unknown, *self.parameters):
+            if leaf not in known:
+                raise StatementError(f"{what} contains {leaf}, which this system does not have{rest}")
+
     def _add_symbol(self, node: Any, what: str, multipliers: bool) -> None:
         constraint = constraint_of(node)
         if constraint is None:
