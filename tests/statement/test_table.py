@@ -136,10 +136,3 @@ def test_a_table_with_a_point_at_zero_is_written_and_read(tmp_path: Path) -> Non
     system.to_scene(tmp_path / "a.toml")
     again = lg.System.from_scene(tmp_path / "a.toml")
     assert again.potential == system.potential
-
-
-def test_a_number_out_of_range_whose_key_is_stated_twice_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.toml"
-    path.write_text("name = 'a'\nname = 1e400\n", encoding="utf-8")
-    with pytest.raises(lg.SceneError, match="outside the range of doubles"):
-        lg.System.from_scene(path)

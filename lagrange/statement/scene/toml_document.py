@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import stat
-import sys
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
 
-from lagrange.errors import TOO_LARGE, SceneError, listing, shown, singular, suggestion
+from lagrange.errors import SceneError, listing, shown, singular, suggestion
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top: ("positions", "bob", 0)."""
@@ -153,7 +150,6 @@ MOST_HEADERS = 5_000
 """Largest number of lines that start with a bracket; tomllib takes 30 us for each."""
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
-_DECIMAL = re.compile(r"(?<![\w.])[+-]?[0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9_]+)?(?![\w.])")
 _STRING = re.compile(r"\"(?:[^\"\\\n]|\\.)*+(?:\"|$)|'[^'\n]*(?:'|$)", re.MULTILINE)
 _LONG_STRING = re.compile(r"\"\"\"|'''")
 _KINDS = (
@@ -286,28 +282,14 @@ class Document:
                 "the file has too many dots in its lines, or too many brackets before them: state it in fewer tables."
             )
         try:
-            return tomllib.loads(self.content, parse_float=_double)
+            return tomllib.loads(self.content)
         except RecursionError:
             self._fail("the file is nested too deeply: a scene has tables in tables at most.")
         except tomllib.TOMLDecodeError as error:
             reason, line, column = _split(str(error), len(lines))
             self._fail(f"this is not TOML: {reason}.", line, column)
-        except ValueError:
-            # An integer has more digits than Python's limit, or `_double` refused a float.
-            self._refuse_number()
-
-    def _refuse_number(self) -> NoReturn:
-        """Raise SceneError at the first number of the file that is out of the range of doubles.
-
-        The file is valid TOML up to this number.
-        """
-        for path, offset in sorted(self._places[1].items(), key=itemgetter(1)):
-            match = _DECIMAL.match(self.content, offset)
-            if match and (reason := _out_of_range(match.group())):
-                line, column = line_and_column(self.content, offset)
-                self._fail(f"{dotted(path)[:80]} is {reason}.", line, column)
-        # The key is stated again further down, which is where the search for numbers finds it.
-        self._fail("a number is outside the range of doubles, and its key is stated twice: state each key once.")
+        except ValueError:  # beyond Python's limit on the digits of integers
+            self._fail("an integer has thousands of digits: write a decimal, such as 1.5e100.")
 
     def _fail(self, reason: str, line: int | None = None, column: int | None = None) -> NoReturn:
         raise SceneError(reason, file=self.file, line=line, column=column)
@@ -321,31 +303,6 @@ def kind_of(value: Any) -> str:
 def dotted(path: tuple[str | int, ...]) -> str:
     """Return a path as it is written in TOML, with indices in brackets: positions.bob[0]."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
-
-
-def _double(text: str) -> float:
-    """Return the double of a TOML float. Raises ValueError if it overflows to infinity or underflows to zero."""
-    if _out_of_range(text):
-        raise ValueError(text)
-    return float(text)
-
-
-def _out_of_range(text: str) -> str:
-    """Return the words of a message if a decimal has no double, else "".
-
-    Also for an integer with more digits than Python's limit, which tomllib cannot read.
-    """
-    digits = sum(map(str.isdigit, text))
-    shown = text if len(text) <= 20 else f"a number of {digits} digits"
-    if text.lstrip("+-").replace("_", "").isdigit():
-        limit = sys.get_int_max_str_digits()
-        return f"{shown}, {TOO_LARGE}" if 0 < limit < digits else ""
-    value = float(text)
-    if math.isinf(value) and digits:
-        return f"{shown}, {TOO_LARGE}"
-    if value == 0.0 and text.lower().partition("e")[0].strip("+-0._"):
-        return f"{shown}, too small for a floating-point number: give one above 4.9e-324, or 0"
-    return ""
 
 
 def _split(message: str, last: int) -> tuple[str, int | None, int | None]:
