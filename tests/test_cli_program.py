@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange.cli import scenes
+from lagrange.cli.program import SCENES
 
 SCENE = """\
 name = "drop"
@@ -157,4 +157,4 @@ def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signal
 
 
 def test_the_library_is_where_it_is_read_from() -> None:
-    assert scenes.SCENES.is_dir()
+    assert SCENES.is_dir()

@@ -15,7 +15,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.files.archive import arrays_of
+from lagrange.show.files.loaded_run import arrays_of
 from tests.public.test_wrong_calls import Caught
 
 x, y = lg.coordinates("x y")
@@ -209,7 +209,7 @@ def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> Non
         arrays_of(path, 1e3)
     claims: list[tuple[Any, ...]] = [((2, 10**12),), ((2, -1),), ((2, 1), "|O"), ((2, 3), "<f8", b"\0" * 47)]
     for claim in claims:
-        with pytest.raises(lg.StatementError, match=r"is not a file that solution.to_npz wrote \(.*(array|Object|negative)"):
+        with pytest.raises(lg.StatementError, match=r"is not a file that solution.to_npz wrote \(.*(array|Object|neg)"):
             lg.load(_rewritten(path, "y", _array(*claim)))
     for content in (b"", b"\x93NUMPY\x09\x00", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 500):
         with pytest.raises(lg.StatementError, match=r"is not a file that solution\.to_npz wrote"):

@@ -31,7 +31,7 @@ from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
-from lagrange.statement.given.named_tables import with_named_tables
+from lagrange.statement.given.function import with_named_tables
 from lagrange.statement.statement import Statement
 
 Part = TypeVar("Part")

@@ -12,8 +12,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.target import check_operations, find
 from lagrange.machine.model import Model
-from lagrange.show.files.atomic_file import real_path
-from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.atomic_file import real_path, write_together
 from lagrange.statement.event import declare_events
 
 

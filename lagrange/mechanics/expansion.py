@@ -303,8 +303,8 @@ class _StatementExpansion:
             term = along.xreplace({_SIZE: sympy.S.Zero}) / sympy.factorial(power)
             if term.has(sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds):
                 raise StatementError(
-                    f"{what} has no expansion about {self.point.where}: it, or a derivative up to order {order}, is not "
-                    "finite there. Choose another point, or coordinates that are regular at it."
+                    f"{what} has no expansion about {self.point.where}: it, or a derivative up to order {order}, is "
+                    "not finite there. Choose another point, or coordinates that are regular at it."
                 )
             total += self.collected(term)
             along = along.diff(_SIZE) if power < order else along
@@ -351,8 +351,8 @@ class _StatementExpansion:
         ]
         if lost:
             raise StatementError(
-                f"about {self.point.where} the Lagrangian to order {self.order} has no velocity of {listing(lost)} in it, "
-                "whose inertia vanishes there: choose coordinates that are regular at that point, or another point."
+                f"about {self.point.where} the Lagrangian to order {self.order} has no velocity of {listing(lost)} in "
+                "it, whose inertia vanishes there: choose coordinates that are regular at that point, or another point."
             )
 
     @property

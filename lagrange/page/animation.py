@@ -20,8 +20,7 @@ from lagrange.page.player import frame_size, in_frame, player_page
 from lagrange.show.animation import DEFAULT_FPS
 from lagrange.show.animation.file_kinds import named_kind
 from lagrange.show.animation.film import Film, Pixels, film_options
-from lagrange.show.animation.gif import write_gif
-from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
+from lagrange.show.animation.gif import has_ffmpeg, write_gif, write_mp4
 from lagrange.show.animation.recording import Recording, recording_of
 from lagrange.show.animation.timing import Timing, timing
 from lagrange.show.figures.style import DARK, LIGHT

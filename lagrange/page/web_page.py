@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
@@ -27,13 +28,118 @@ from lagrange.page.document import (
     phase_choices,
     template,
 )
-from lagrange.page.formulas import FoldedFormulas, formulas, note, slider_groups
 from lagrange.page.script_data import ENERGIES, description, rate_of
-from lagrange.page.sliders import quaternion_rows, sliders
+from lagrange.page.sliders import PARAMETER, Slider, quaternion_rows, sliders
+from lagrange.show.derivation_page import HtmlPage
 from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.declare import initial_state
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import complete_start
+
+OPEN = ("Stated", "Equations of motion")
+"""Sections that are open when the page loads."""
+
+LONGEST_SECTION = 30_000
+"""Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
+8,000."""
+
+SHORTEST_OPERATION = 20
+"""Least number of characters of an operation with its operand, in MathML."""
+
+TOO_LONG = "These formulas are too long to be read here: `lagrange derive` prints them."
+
+
+class FoldedFormulas(HtmlPage):
+    """Sections that fold, without inline styles: the security policy of the page forbids those."""
+
+    cell = '<mtd class="{}">{}</mtd>'
+
+    def sections(self, found: Iterator[Section]) -> str:
+        """Return the sections below one another."""
+        return "".join(map(self.section, found))
+
+    def section(self, section: Section) -> str:
+        """Return a section, or a sentence instead of it if it is too long."""
+        inside = "" if _is_long(section) else "\n".join(map(self.row, section.rows))
+        if not inside or len(inside) > LONGEST_SECTION:
+            inside = self.row(TOO_LONG)
+        opened = " open" if section.heading in OPEN else ""
+        heading = self.heading(section, escape, "<math>{}</math>")
+        return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
+
+    def letter(self, name: str) -> str:
+        """Return the symbol of a coordinate, a velocity such as x_dot as dx/dt, or a parameter."""
+        base = name.removesuffix("_dot")
+        rate = name != base and base in self.statement.names
+        letter = self.lines.sides.notation.letter(base if rate else name, 0)
+        over = '<mo lspace="0" rspace="0">/</mo>'
+        return f"<math><mi>d</mi>{letter}{over}<mi>d</mi><mi>t</mi></math>" if rate else f"<math>{letter}</math>"
+
+
+def _is_long(section: Section) -> bool:
+    """Return True if the text of a section is surely longer than `LONGEST_SECTION`, by its number of operations."""
+    sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
+    operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
+    return operations * SHORTEST_OPERATION > LONGEST_SECTION
+
+
+def formulas(derivation: Derivation) -> str:
+    """Return the derivation of a system as sections that fold."""
+    return FoldedFormulas(derivation.statement).sections(sections(derivation))
+
+
+OPEN_SLIDERS = 15
+"""Largest number of sliders that are shown unfolded. With more, those of the initial state and excess parameters are
+folded."""
+
+
+def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
+    """Return HTML of the sliders in groups: those the user chose, parameters, initial values."""
+    chosen = [(place, slider) for place, slider in enumerate(found) if slider.chosen]
+    others = [(place, slider) for place, slider in enumerate(found) if not slider.chosen]
+    parameters = [pair for pair in others if pair[1].kind == PARAMETER]
+    states = [pair for pair in others if pair[1].kind != PARAMETER]
+    groups = [
+        ("Sliders", chosen, False),
+        ("Parameters", parameters, bool(chosen) or len(parameters) > OPEN_SLIDERS),
+        ("Start", states, bool(chosen) or len(others) > OPEN_SLIDERS),
+    ]
+    units = any(slider.unit or slider.angle for slider in found)
+    written = (
+        (title, folded, "".join(_slider(place, slider, page, units=units) for place, slider in rows))
+        for title, rows, folded in groups
+        if rows
+    )
+    return "".join(
+        f"<details{'' if folded else ' open'}><summary>{title}</summary>\n{inside}</details>\n"
+        for title, folded, inside in written
+    )
+
+
+def _slider(place: int, slider: Slider, page: FoldedFormulas, *, units: bool) -> str:
+    name, unit = escape(slider.name), escape(plain_text(slider.unit))
+    spoken = f"{name} in {unit}" if unit else name
+    shown_unit = f'<span id="unit{place}">{unit}</span>' if units else ""
+    start = "" if slider.kind == PARAMETER else "initial value of "
+    return (
+        f'<div class="slider"><label for="slider{place}">{page.letter(slider.name)}</label>'
+        f'<input type="range" id="slider{place}" min="{slider.low!r}" max="{slider.high!r}"'
+        f' step="any" value="{slider.value!r}"'
+        f' aria-label="{start}{spoken}">'
+        f'<input type="number" id="number{place}" step="any" value="{slider.value!r}"'
+        f' aria-label="{start}{spoken}, typed">'
+        f"{shown_unit}</div>\n"
+    )
+
+
+def note(statement: Statement) -> str:
+    """Return a note below the picture if the picture does not show the motion of points."""
+    if statement.positions:
+        return ""
+    said = "No positions are stated for this system: the picture shows its coordinates over time."
+    return f'<p class="note">{said}</p>\n'
 
 
 def write_page(

@@ -21,8 +21,7 @@ from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.style import FigureStyle, LineStyle, dress, line_styles, on_paper, style_of
 from lagrange.show.files import FILE_DPI
-from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.atomic_file import write_atomically, write_together
 from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table

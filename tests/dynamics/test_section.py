@@ -10,8 +10,8 @@ from sympy import cos, pi
 
 import lagrange as lg
 from lagrange.dynamics import crossings
-from lagrange.dynamics.energy_level import margin
 from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.section import margin
 from lagrange.errors import StatementError
 from tests.dynamics.planar import (
     driven_linear,

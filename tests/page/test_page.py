@@ -17,9 +17,9 @@ import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.page.computed_motion import contents
 from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, in_script
-from lagrange.page.formulas import FoldedFormulas
 from lagrange.page.script_data import rate_of
 from lagrange.page.sliders import nice, parameter_bounds
+from lagrange.page.web_page import FoldedFormulas
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
 from lagrange.show.notation.sections import sections
 from tests.models import shared_scene
@@ -162,7 +162,7 @@ def test_what_can_be_turned_says_so(tmp_path: Path) -> None:
 
 
 def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.page.formulas.LONGEST_SECTION", 400)
+    monkeypatch.setattr("lagrange.page.web_page.LONGEST_SECTION", 400)
     text = pendulum().to_page(tmp_path / "page.html").read_text("utf-8")
     assert text.count("These formulas are too long to be read here: `lagrange derive` prints them.") > 1
     assert "<summary>Equations of motion</summary>" in text
@@ -174,7 +174,7 @@ def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: py
 def test_formulas_that_are_surely_too_long_are_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
     """The energies of 50 particles were written for half a minute, and then left out."""
     x = lg.coordinate("x")
-    monkeypatch.setattr("lagrange.page.formulas.LONGEST_SECTION", 600)
+    monkeypatch.setattr("lagrange.page.web_page.LONGEST_SECTION", 600)
     system = lg.System(kinetic=x.dot**2 / 2, potential=sum(sin(k * x) for k in range(1, 20)), coordinates=[x])
     page = FoldedFormulas(system.statement)
     monkeypatch.setattr(page, "lines", None)

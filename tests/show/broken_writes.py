@@ -17,8 +17,7 @@ from typing import Any, BinaryIO
 from unittest import mock
 
 from lagrange.errors import LagrangeError
-from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.atomic_file import write_atomically, write_together
 
 OPERATIONS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.chmod", "os.listdir", "os.scandir")
 NAMES = ("a.csv", "b.png", "c.json")

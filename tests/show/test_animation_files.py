@@ -16,7 +16,7 @@ from PIL import Image, ImageSequence
 
 from lagrange.errors import RunError, StatementError
 from lagrange.page.document import hash_of, short
-from lagrange.show.animation import film, mp4
+from lagrange.show.animation import film, gif
 from lagrange.show.animation.recording import thinned
 from tests.page.browser import Browser, program
 from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, unpacked
@@ -35,7 +35,7 @@ def near(colour: Any, expected: tuple[int, int, int]) -> bool:
 
 @pytest.mark.parametrize("name", ["a.html", "b.GIF", "c.png", "d.mp4"])
 def test_the_ending_of_the_name_says_what_is_written(name: str, tmp_path: Path) -> None:
-    if name.endswith("mp4") and not mp4.has_ffmpeg():
+    if name.endswith("mp4") and not gif.has_ffmpeg():
         pytest.skip("ffmpeg is not installed")
     made = double_pendulum((0.0, 0.2)).animate(tmp_path / name, speed=1, size=(200, 241))
     assert made.path == tmp_path / name and left_in(tmp_path) == [name] and f"written to {made.path}" in repr(made)
@@ -97,7 +97,7 @@ def test_what_ffmpeg_refuses_is_said_and_leaves_nothing(tmp_path: Path, monkeypa
     program = tmp_path / "broken"
     program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr(mp4, "PROGRAM", str(program))
+    monkeypatch.setattr(gif, "PROGRAM", str(program))
     with pytest.raises(RunError) as refusal:
         double_pendulum().animate(tmp_path / "a.mp4", size=(200, 240))
     assert str(refusal.value) == (
@@ -108,7 +108,7 @@ def test_what_ffmpeg_refuses_is_said_and_leaves_nothing(tmp_path: Path, monkeypa
 
 @pytest.mark.parametrize("suffix", ["gif", "mp4"])
 def test_an_interruption_leaves_what_was_there(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if suffix == "mp4" and not mp4.has_ffmpeg():
+    if suffix == "mp4" and not gif.has_ffmpeg():
         pytest.skip("ffmpeg is not installed")
     target = tmp_path / f"a.{suffix}"
     target.write_text("old")

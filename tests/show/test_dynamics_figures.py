@@ -24,8 +24,7 @@ from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.modes_figure import MOST_MODES
 from lagrange.show.figures.panel import colour_bar, turned_lines
 from lagrange.show.figures.portrait_figure import PANEL_HEIGHT, PANEL_WIDTH
-from lagrange.show.figures.style import DARK, style_of
-from lagrange.show.figures.ticks import log_ticks
+from lagrange.show.figures.style import DARK, log_ticks, style_of
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import pytest
 
 from lagrange.errors import RunError, StatementError
-from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.atomic_file import write_together
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
@@ -100,7 +100,7 @@ def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
 LIMITED = """
 import resource, sys
 from lagrange.errors import RunError
-from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.atomic_file import write_together
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 text = lambda size: lambda file: file.write(b"n" * size)
 try:

@@ -17,10 +17,9 @@ import lagrange as lg
 from lagrange.errors import SceneError
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.scene_reader import scene_from_text, stored_statement
-from lagrange.statement.scene.shared_text import SharedText
 from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
-from lagrange.statement.scene.writer import scene_text
+from lagrange.statement.scene.writer import SharedText, scene_text
 from lagrange.statement.statement import Statement
 
 x, y = lg.coordinates("x y")

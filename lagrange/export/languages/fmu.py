@@ -16,8 +16,7 @@ from io import BytesIO
 from pathlib import Path
 
 from lagrange.errors import LagrangeError
-from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description
-from lagrange.export.fmu.model_header import model_header
+from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description, model_header
 from lagrange.export.languages.c import compiled, header, programs, source
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register

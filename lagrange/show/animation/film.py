@@ -19,8 +19,16 @@ from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import label_of_entry
 from lagrange.show.figures.paths import Box, draw_floor, is_slender
 from lagrange.show.figures.space import spring, view_of
-from lagrange.show.figures.style import NAMED_POINTS, FigureStyle, colours, dress, legend, of_figure, point_look
-from lagrange.show.figures.ticks import few_ticks
+from lagrange.show.figures.style import (
+    NAMED_POINTS,
+    FigureStyle,
+    colours,
+    dress,
+    few_ticks,
+    legend,
+    of_figure,
+    point_look,
+)
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.number import real_number, whole_number

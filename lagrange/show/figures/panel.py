@@ -36,12 +36,13 @@ from lagrange.show.figures.style import (
     FigureStyle,
     colours,
     dress,
+    few_ticks,
     legend,
+    log_ticks,
     number_labels,
     of_figure,
     on_paper,
 )
-from lagrange.show.figures.ticks import few_ticks, log_ticks
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.symbols import letter_of, letters

@@ -29,12 +29,12 @@ from lagrange.show.figures.style import (
     FigureStyle,
     colours,
     dress,
+    few_ticks,
     legend,
     mixed,
     number_labels,
     point_look,
 )
-from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import EDGE, SPRING, Link, corners

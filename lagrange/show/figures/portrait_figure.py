@@ -18,8 +18,7 @@ from lagrange.show.figures.panel import (
     say_below,
     turned_lines,
 )
-from lagrange.show.figures.style import FigureStyle, dress, style_of
-from lagrange.show.figures.ticks import angle_ticks
+from lagrange.show.figures.style import FigureStyle, angle_ticks, dress, style_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError
 from lagrange.show.figures.curve import with_neighbours
 from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
-from lagrange.show.figures.style import colours, dress, style_of
-from lagrange.show.figures.ticks import angle_ticks
+from lagrange.show.figures.style import angle_ticks, colours, dress, style_of
 from lagrange.show.notation.symbols import letters
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement
