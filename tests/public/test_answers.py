@@ -41,20 +41,6 @@ def compiled() -> Any:
     return system
 
 
-class Short(list[float]):
-    """A list that has fewer entries by its length than by its iterator."""
-
-    def __len__(self) -> int:
-        return 0
-
-
-class Without(list[float]):
-    """A list whose length is not a length."""
-
-    def __len__(self) -> int:
-        return int("-1")
-
-
 def endless() -> Iterator[str]:
     return itertools.repeat("x")
 
@@ -85,8 +71,6 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: pendulum().constraint_forces[0], "0 is not a constraint of this system; they are none."),
     (lambda: pendulum().export("c", "a" * 300), "cannot be made (File name too long): name another folder"),
     (lambda: lg.trust_horizon(pendulum(), 0), "the span from 0 to 0 is empty: give an end such as span=10."),
-    (lambda: pendulum().run(1.0, t_eval=Short([0.1, 0.2])), "t_eval has more entries than the 0 of its length"),
-    (lambda: pendulum().run(1.0, t_eval=Without([0.1, 0.2])), "t_eval has no length ('__len__() should return >= 0')"),
     (lambda: lg.ensemble(pendulum(), 0.1, {"theta": [1.0, 2.0]}, store="\ud800"), "surrogates not allowed"),
     (lambda: run().plot(what=["theta"] * 101), "what lists 101 quantities: one figure shows at most 100."),
     (
@@ -193,12 +177,3 @@ def test_a_folder_with_a_name_of_300_letters(command: str, tmp_path: Path, capsy
 def test_words_that_no_command_knows_are_quoted_in_part(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "pendulum", "b" * 5000]) == 2
     assert len(capsys.readouterr().err.splitlines()[-1]) <= LONGEST_SENTENCE
-
-
-def test_a_list_of_a_user_s_own_class_is_read_to_the_length_that_it_states() -> None:
-    class Lying(list[float]):
-        def __iter__(self) -> Iterator[float]:
-            return itertools.repeat(1.0)
-
-    with pytest.raises(lg.StatementError, match="has more entries than the 1 of its length"):
-        run().model.energy(Lying([1.0]), [0.0])
