@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import tomllib
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -16,7 +17,7 @@ from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
-from lagrange.statement.scene.library import load
+from lagrange.statement.scene.library import library_path, load
 from lagrange.statement.statement import Statement
 from lagrange.system import System, scene
 
@@ -42,6 +43,12 @@ def stated(**given: Any) -> Statement:
 def loaded(name: str) -> Statement:
     """Return the statement of a scene of the library, read once for all tests."""
     return load(name)
+
+
+@cache
+def stated_in(name: str) -> frozenset[str]:
+    """Return the sections of the file of a scene: what it states is known before it is stated."""
+    return frozenset(tomllib.loads(library_path(name).read_text("utf-8")))
 
 
 @cache

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from tests.models import loaded, shared_scene
+from tests.models import shared_scene, stated_in
 
-NAMES = [name for name in lg.scenes() if loaded(name).contacts]
+NAMES = [name for name in lg.scenes() if "contacts" in stated_in(name)]
 DRIVEN = ("ball-on-table", "belt")
 """Scenes in which a moving surface does work."""
 

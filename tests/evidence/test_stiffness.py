@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.statement.scene.library import library
 from lagrange.trajectory.measures import stiffness
 from lagrange.trajectory.measures.stiffness import stability_limit, stability_polynomial, taylor_polynomial
 from lagrange.trajectory.methods.explicit import RungeKutta
@@ -17,7 +16,7 @@ from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
 from lagrange.trajectory.tableaux.dop853 import dop853
 from lagrange.trajectory.tableaux.dopri5 import dopri5
-from tests.models import loaded, shared_scene
+from tests.models import shared_scene, stated_in
 
 BOGACKI_SHAMPINE = ButcherTableau(
     name="bogacki-shampine",
@@ -130,7 +129,7 @@ def test_backwards_and_with_output_times_too() -> None:
 
 
 @pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
-@pytest.mark.parametrize("scene", [scene.name for scene in library() if not loaded(scene.name).contacts])
+@pytest.mark.parametrize("scene", [name for name in lg.scenes() if "contacts" not in stated_in(name)])
 def test_no_scene_of_the_library_is_called_stiff(scene: str, method: Any) -> None:
     system = shared_scene(scene)
     for rtol in (1e-4, 1e-6, 1e-9) if isinstance(method, str) else (1e-4, 1e-6):

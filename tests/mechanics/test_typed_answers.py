@@ -35,9 +35,9 @@ from tests.mechanics.answered_systems import (
     wedge,
     yoyo,
 )
-from tests.models import loaded, shared_scene
+from tests.models import shared_scene, stated_in
 
-LONG = [name for name in lg.scenes() if loaded(name).rotations and loaded(name).constraints]
+LONG = [name for name in lg.scenes() if stated_in(name) >= {"rotations", "constraints"}]
 SCENES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in lg.scenes()]
 
 

@@ -29,7 +29,7 @@ from lagrange.show.notation.sections import (
     sections,
 )
 from lagrange.show.notation.text import Notation, UnicodeNotation
-from tests.models import loaded, shared_scene
+from tests.models import shared_scene, stated_in
 from tests.show import formula_readers
 
 LONG = (
@@ -44,7 +44,9 @@ LONG = (
     "four-bar-change-point",
 )
 SCENES = [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in lg.scenes() if not loaded(name).rotations
+    pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))
+    for name in lg.scenes()
+    if "rotations" not in stated_in(name)
 ]
 """Equations in rates of rotations are read back by `compare` in tests of typed answers."""
 DIGITS = 80

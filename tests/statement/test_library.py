@@ -15,7 +15,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.scene.library import LIBRARY, library
 from lagrange.statement.statement import Link, Statement
 from tests.mechanisms.scenes import FORMULATIONS
-from tests.models import loaded
+from tests.models import loaded, stated_in
 
 NAMES = [entry.name for entry in library()]
 
@@ -32,9 +32,10 @@ REQUIRED = {
     ),
     *("hanging-chain", "ladder", "particle-on-sphere", "seven-body-mechanism", "two-point-vortices"),
 }
-APART = {name for name in NAMES if loaded(name).contacts or loaded(name).rotations}
+APART = {name for name in NAMES if not stated_in(name).isdisjoint({"contacts", "rotations"})}
 """Scenes with contacts and rotations; `tests/contact` and `tests/laws` hold their runs against closed forms."""
-FREE = [name for name in NAMES if not loaded(name).constraints and name not in {"two-point-vortices", *APART}]
+HELD = {"constraints", "contacts", "rotations"}
+FREE = [name for name in NAMES if name != "two-point-vortices" and HELD.isdisjoint(stated_in(name))]
 """Scenes without constraints and with inertia; `tests/mechanisms` formulates the others independently."""
 
 
