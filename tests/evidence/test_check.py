@@ -235,6 +235,7 @@ def test_another_target_gets_a_row() -> None:
         assert "elsewhere against stand-in" in failing(report), quantity
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_report() -> None:
     first, again, other = (
         dataclasses.replace(checked(StandIn(statements.kepler()), seed=seed), seconds=0.0) for seed in (4, 4, 5)

@@ -53,6 +53,7 @@ def test_a_stable_methods_are_those_that_claim_it(name: str) -> None:
     assert find(name).claims.a_stable == bool((growth(name, plane) < 1 + 1e-9).all())
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("name", DAMPED)
 def test_the_matrix_is_what_a_step_does(name: str) -> None:
     """Against the compiled step on the same oscillator, taken once from both unit vectors, if it has no memory."""

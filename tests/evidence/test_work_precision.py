@@ -166,6 +166,7 @@ def test_a_run_that_blows_up_is_kept() -> None:
     assert fine.complete and math.isfinite(fine.error)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("status", [Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS])
 def test_every_end_is_kept_with_its_words(status: Status) -> None:
     entry = race(methods=[Scripted(status)])[0]

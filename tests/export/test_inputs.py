@@ -24,11 +24,11 @@ def wanted() -> list[float]:
     return found
 
 
-@pytest.mark.parametrize("target", lg.targets())
+@pytest.mark.parametrize("target", [target for target in lg.targets() if target != "fmu"])
 def test_every_target_takes_inputs(target: str, tmp_path: Path) -> None:
     made = driven().export(target, tmp_path, ["rhs"], parameters=at(TIME))
-    texts = [path.read_text() for path in made.files if path.suffix != ".fmu"]
-    assert target == "fmu" or any("inputs: X, X_dot, X_ddot, u:" in text for text in texts)
+    texts = [path.read_text() for path in made.files]
+    assert any("inputs: X, X_dot, X_ddot, u:" in text for text in texts)
     if target == "modelica":
         assert any("  input Real u(start = " in text for text in texts)
 

@@ -43,7 +43,6 @@ from tests.laws.mechanisms import (
 from tests.series import CONTEXT, DIGITS, NUMBER, series
 
 x, y, z = PLACES
-places_only = holonomic(*PLACES).map(lambda phi: [phi])
 LENGTH = 0.5
 
 
@@ -79,14 +78,6 @@ def test_a_run_stays_on_its_constraints(mechanism: Mechanism) -> None:
     last = run(compiled, mechanism.state)[:, -1]
     off = compiled.evaluate("constraints", last[:3], last[3:], mechanism.time + LENGTH)
     assert off == close(np.zeros(len(off)), 1e-10)
-
-
-@some
-@given(mechanisms())
-def test_time_runs_back_the_way_it_came(mechanism: Mechanism) -> None:
-    compiled, turn = mechanism.compile("llvm"), np.repeat([1.0, -1.0], 3)
-    there = run(compiled, mechanism.state)[:, -1]
-    assert turn * run(compiled, turn * there)[:, -1] == close(mechanism.state, 1e-8)
 
 
 @some
@@ -142,13 +133,6 @@ def test_friction_takes_its_power_from_the_energy(mechanism: Mechanism, D: Any) 
     assert power(mechanism, other) == close(-rubbing, 1e-6)
 
 
-@some
-@given(moving())
-def test_a_constraint_that_moves_feeds_the_energy(mechanism: Mechanism) -> None:
-    """dE/dt = lambda^T G v."""
-    assert power(mechanism, mechanism.model) == close(mechanism.reaction() @ mechanism.v, 1e-6)
-
-
 # --- what is compiled -----------------------------------------------------------------------------------------
 
 QUANTITIES = ("accelerations", "multipliers", "constraint_forces", "constraints", "jacobian", "rhs")
@@ -161,19 +145,6 @@ def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:
     for quantity in QUANTITIES:
         expected = mechanism.model.evaluate(quantity, *at)
         assert compiled.evaluate(quantity, *at) == close(expected, 1e-11), quantity
-
-
-@some
-@given(mechanisms(forces=True), st.sampled_from(["llvm", "numpy"]))
-def test_a_batch_is_its_states_one_by_one(mechanism: Mechanism, target: str) -> None:
-    """Off the constraints too, where most states of a batch are."""
-    compiled = mechanism.compile(target)
-    shifts = 0.01 * np.random.default_rng(1).normal(size=(6, 7))
-    q, v = np.split(mechanism.state[:, None] + shifts, 2)
-    for quantity in QUANTITIES:
-        together = compiled.evaluate(quantity, q, v, mechanism.time)
-        alone = [compiled.evaluate(quantity, q[:, i], v[:, i], mechanism.time) for i in range(7)]
-        assert np.moveaxis(together, -1, 0) == close(np.array(alone), 1e-12), quantity
 
 
 @some

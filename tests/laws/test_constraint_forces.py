@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from hypothesis import given
-from sympy import exp, sin
+from sympy import sin
 
 from lagrange.compiler import machine, model_of
 from lagrange.statement.coordinate import coordinate, t
@@ -18,10 +18,7 @@ from tests.laws.mechanisms import (
     Mechanism,
     close,
     functions_of,
-    gradient_of,
-    has_velocities,
     holonomic,
-    kinds,
     mechanisms,
     moving,
     rate_of,
@@ -31,7 +28,6 @@ from tests.laws.mechanisms import (
 )
 
 x, y, z = PLACES
-two = kinds(PLACES).filter(lambda constraints: len(constraints) == 2)
 places_only = holonomic(*PLACES).map(lambda phi: [phi])
 
 
@@ -87,55 +83,7 @@ def test_each_constraint_pushes_along_its_own_gradient(mechanism: Mechanism) -> 
     assert rows == close(mechanism.multipliers()[:, None] * mechanism.gradient)
 
 
-@some
-@given(mechanisms(two))
-def test_no_constraint_does_work_by_itself(mechanism: Mechanism) -> None:
-    rows = mechanism.model.evaluate("constraint_forces", mechanism.q, mechanism.v, mechanism.time)
-    assert rows @ mechanism.v == close([0.0, 0.0])
-
-
-@some
-@given(moving())
-def test_a_constraint_that_moves_does_work(mechanism: Mechanism) -> None:
-    """lambda^T G v = -lambda^T b, where b is what the constraint demands of a body at rest."""
-    rest = [rate_of(one).subs(dict.fromkeys(RATES, 0)) for one in mechanism.constraints.values()]
-    power = -sum(force * mechanism.at(b) for force, b in zip(mechanism.multipliers(), rest, strict=True))
-    assert mechanism.reaction() @ mechanism.v == close(power)
-
-
-@some
-@given(mechanisms(forces=True))
-def test_two_constraints_more_leave_no_freedom_to_the_last(mechanism: Mechanism) -> None:
-    """Holding a system at its own accelerations costs no force: the free system satisfies what it would do anyway."""
-    free = mechanism.compile(constraints={})
-    a = mechanism.accelerations(free)
-    own = [v - c - d * (t - mechanism.time) for v, c, d in zip(RATES, mechanism.v, a, strict=True)]
-    held = mechanism.compile(constraints=own[:2])
-    assert mechanism.accelerations(held) == close(a)
-    assert mechanism.multipliers(held) == close([0.0, 0.0])
-
-
 # --- what they do not depend on -------------------------------------------------------------------------------
-
-
-@some
-@given(mechanisms(), functions_of(*PLACES))
-def test_a_factor_that_changes_from_place_to_place_only_scales_multipliers(mechanism: Mechanism, f: Any) -> None:
-    other = mechanism.compile(constraints={name: exp(f / 4) * one for name, one in mechanism.constraints.items()})
-    assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
-    assert mechanism.at(exp(f / 4)) * mechanism.multipliers(other) == close(mechanism.multipliers(), 1e-8)
-
-
-@some
-@given(mechanisms(two), rationals, rationals)
-def test_combinations_of_constraints_say_the_same(mechanism: Mechanism, a: Any, b: Any) -> None:
-    first, second = mechanism.constraints.values()
-    if has_velocities(first) != has_velocities(second):
-        return
-    mix = np.array([[1.0, float(a)], [float(b), 1.0 + float(a * b)]])  # its determinant is 1
-    other = mechanism.compile(constraints=[first + a * second, b * first + (1 + a * b) * second])
-    assert mechanism.accelerations(other) == close(mechanism.accelerations())
-    assert mix.T @ mechanism.multipliers(other) == close(mechanism.multipliers())
 
 
 @some
@@ -153,64 +101,6 @@ def test_a_total_time_derivative_changes_neither_motion_nor_reactions(mechanism:
     other = mechanism.compile(lagrangian=lagrangian, kinetic=None, potential=None)
     assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
     assert mechanism.multipliers(other) == close(mechanism.multipliers(), 1e-8)
-
-
-@some
-@given(mechanisms(), rationals)
-def test_a_factor_of_the_lagrangian_is_a_factor_of_the_reactions(mechanism: Mechanism, c: Any) -> None:
-    lagrangian = c * (mechanism.energies["kinetic"] - mechanism.energies["potential"])
-    other = mechanism.compile(lagrangian=lagrangian, kinetic=None, potential=None)
-    assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
-    assert mechanism.multipliers(other) == close(float(c) * mechanism.multipliers(), 1e-8)
-
-
-@some
-@given(mechanisms(places_only), rationals)
-def test_a_potential_of_the_constraint_is_carried_by_the_multiplier(mechanism: Mechanism, c: Any) -> None:
-    """V + c phi pushes with -c G, and the multiplier is greater by c."""
-    phi = mechanism.constraints["c0"]
-    other = mechanism.compile(potential=mechanism.energies["potential"] + c * phi)
-    assert mechanism.accelerations(other) == close(mechanism.accelerations())
-    assert mechanism.multipliers(other) == close(mechanism.multipliers() + float(c))
-
-
-@some
-@given(mechanisms(places_only), rationals)
-def test_a_penalty_on_the_constraint_is_never_paid(mechanism: Mechanism, c: Any) -> None:
-    phi = mechanism.constraints["c0"]
-    other = mechanism.compile(potential=mechanism.energies["potential"] + 10 * c * phi**2)
-    assert mechanism.accelerations(other) == close(mechanism.accelerations())
-    assert mechanism.multipliers(other) == close(mechanism.multipliers())
-
-
-@some
-@given(mechanisms(places_only))
-def test_inertia_across_the_constraint_does_not_matter(mechanism: Mechanism) -> None:
-    """T + 5 (d phi/dt)^2 changes the mass matrix, and nothing that the constraint allows."""
-    psi = rate_of(mechanism.constraints["c0"])
-    other = mechanism.compile(kinetic=mechanism.energies["kinetic"] + 5 * psi**2)
-    assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
-    assert mechanism.multipliers(other) == close(mechanism.multipliers(), 1e-7)
-
-
-@some
-@given(mechanisms(), rationals)
-def test_a_force_along_a_constraint_is_taken_up_by_it(mechanism: Mechanism, c: Any) -> None:
-    row = gradient_of(mechanism.constraints["c0"])
-    other = mechanism.compile(forces=dict(zip(PLACES, (c * one for one in row), strict=True)))
-    assert mechanism.accelerations(other) == close(mechanism.accelerations())
-    expected = mechanism.multipliers() - float(c) * np.eye(len(mechanism.constraints))[0]
-    assert mechanism.multipliers(other) == close(expected)
-
-
-@some
-@given(mechanisms(), functions_of(*PLACES), functions_of(*PLACES))
-def test_accelerations_and_multipliers_are_linear_in_the_forces(mechanism: Mechanism, P: Any, Q: Any) -> None:
-    def found(*forces: Any) -> Any:
-        other = mechanism.compile(forces=dict(zip(PLACES, forces, strict=False)))
-        return np.concatenate([mechanism.accelerations(other), mechanism.multipliers(other)])
-
-    assert found(P, Q) == close(found(P, 0) + found(0, Q) - found(0, 0))
 
 
 # --- coordinates that are not free ----------------------------------------------------------------------------

@@ -129,6 +129,7 @@ def test_printed_eliminations_solve_rods_in_all_units(seed: int) -> None:
     assert x[:count] / unit == pytest.approx(expected / unit, abs=1e-11 * max(1.0, np.abs(expected / unit).max()))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("library", ["jax", "casadi"])
 @pytest.mark.parametrize("seed", UNSCALED_SEEDS[::2])
 def test_traced_accelerations_of_rods_are_the_same_in_all_units(seed: int, library: str) -> None:

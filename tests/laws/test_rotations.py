@@ -152,13 +152,6 @@ def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
     assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
 
 
-def test_the_limit_of_a_sleeping_top_by_eigenvalues() -> None:
-    top = body((1.0, 1.0, 0.5), (0, 0, 0), potential=R[2, 2])
-    for spin, stable in ((3.999, False), (4.001, True)):
-        matrix = np.array(top.linearize({R.body: (0, 0, spin)}).A, dtype=float)
-        assert (np.linalg.eigvals(matrix).real.max() < 1e-6) == stable
-
-
 def test_small_turns_of_a_body_that_hangs() -> None:
     """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
     hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])

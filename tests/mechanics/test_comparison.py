@@ -374,10 +374,9 @@ def test_of_a_sum_only_the_part_that_is_wrong_is_named(spring: str, message: str
 
 
 def test_a_name_in_letters_of_other_alphabets_is_named_whole() -> None:
-    system = lg.scene("pendulum")
     for word in ("φ_ddot", "thêta", "θ\u0301_ddot", "φ1"):
         with pytest.raises(StatementError, match=rf"^equation 1, column 3: '{word}' is not a symbol of this system"):
-            system.compare([f"2*{word} + g = 0"])
+            system("pendulum").compare([f"2*{word} + g = 0"])
 
 
 def on_rod(factor: str) -> list[str]:
@@ -396,10 +395,11 @@ def on_rod(factor: str) -> list[str]:
     ],
 )
 def test_a_multiple_of_a_multiplier_is_another_name_for_it(factor: str, said: str) -> None:
-    result = lg.scene("cartesian-pendulum").compare(on_rod(factor))
+    result = system("cartesian-pendulum").compare(on_rod(factor))
     assert result and result.message.endswith(said)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "equations",
     [
@@ -410,7 +410,7 @@ def test_a_multiple_of_a_multiplier_is_another_name_for_it(factor: str, said: st
     ],
 )
 def test_no_multiple_of_a_multiplier_hides_another_error(equations: list[str]) -> None:
-    assert not lg.scene("cartesian-pendulum").compare(equations)
+    assert not system("cartesian-pendulum").compare(equations)
 
 
 @pytest.mark.parametrize(("weight", "right"), [("m*g", True), ("2*m*g", False), ("-m*g", False)])

@@ -160,6 +160,7 @@ def test_verdicts(system: Any, stable: Any) -> None:
         assert system().modes().stable is stable
 
 
+@pytest.mark.slow
 @pytest.mark.few(1)
 @pytest.mark.parametrize("values", [{}, {"m1": 1, "m2": 2, "l1": 1, "l2": 0.5, "g": 9.81}])
 def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) -> None:

@@ -31,12 +31,14 @@ RIGHT: list[tuple[Callable[[], lg.System], str]] = [
 """Right answers: rates of bodies, forces of constraints and momenta by other letters, operators, decimal commas."""
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("system", "text"), RIGHT)
 def test_letters_of_textbooks_are_read(system: Callable[[], lg.System], text: str) -> None:
     result = system().compare(text)
     assert result, result.message
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("system", "text"),
     [

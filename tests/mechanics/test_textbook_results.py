@@ -131,15 +131,6 @@ def test_spherical_pendulum() -> None:
     assert same(form.expression, form.momenta[theta] ** 2 / (2 * m * l**2) + book.subs(p, form.momenta[phi]))
 
 
-def test_conical_pendulum() -> None:
-    """J. R. Taylor, Classical Mechanics, 2005, problem 7.40: cos = g/(l w^2), it nods with w^2 (1 + 3 cos^2)."""
-    system = lg.System(
-        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2, -m * g * l * cos(theta), coordinates=[theta, phi]
-    )
-    cone = next(one for one in system.equilibria({phi: w}) if one.coordinates[theta] == acos(g / (l * w**2)))
-    match(squares(system, cone.at), [0, w**2 + 3 * g**2 / (l**2 * w**2)])
-
-
 def top() -> lg.System:
     return lg.System(
         I1 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2 + I3 * (psi.dot + cos(theta) * phi.dot) ** 2 / 2,

@@ -144,6 +144,7 @@ NAMED = {
 """Wrong equations of two masses on a pulley with inertia, and what is said of each: form and signs as typed."""
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("text", NAMED)
 def test_the_wrong_term_is_named_as_it_was_typed(text: str) -> None:
     x, (m1, m2, inertia, R, g) = lg.coordinate("x"), lg.parameters("m1 m2 I R g")
@@ -196,6 +197,7 @@ COARSE = {
 """Answers with too few digits, with digits that are cut off or wrong, or with another error."""
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("text", [*ROUNDED, *COARSE])
 def test_a_decimal_stands_for_the_number_that_it_is_rounded_from(text: str) -> None:
     theta, (m, R, r, g) = lg.coordinate("theta"), lg.parameters("m R r g")
@@ -448,6 +450,7 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
 """Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""
 
 
+@pytest.mark.few(18)
 @pytest.mark.parametrize(("system", "text", "said"), LARGER)
 def test_a_wrong_factor_momentum_or_force_is_named_as_a_whole(
     system: Callable[[], lg.System], text: str, said: str

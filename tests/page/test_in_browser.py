@@ -339,7 +339,7 @@ def test_fingers(browser: Browser, tmp_path: Path) -> None:
         assert tab.complaints() == []
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "scene", ["double-pendulum", pytest.param("pleiades", marks=pytest.mark.slow), "seven-body-mechanism", "four-bar"]
 )
@@ -429,6 +429,6 @@ def test_axes_are_fixed_before_the_motion_begins(browser: Browser, tmp_path: Pat
         assert before[1][:4] == pytest.approx(run.y.max(axis=1), abs=1e-6)
         kinetic = run.evaluate(system.statement.kinetic)
         assert before[1][5] == pytest.approx(kinetic.max(), rel=1e-6)
-        tab.click("#step", 200)
+        tab.click("#step", 40)
         for old, new in zip(before, tab.value("lagrange.limits()"), strict=True):
             assert new[:7] == old[:7]

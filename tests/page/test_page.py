@@ -55,6 +55,7 @@ def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp
     assert set(re.findall(r"https?://[^\"' ]*", text)) == {"http://www.w3.org/1998/Math/MathML"}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "two-point-vortices"])
 def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path) -> None:
     system = shared_scene(scene)

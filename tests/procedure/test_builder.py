@@ -495,6 +495,7 @@ def followed(system: System, t_end: float, rtol: float) -> Any:
     return lg.integrate(model, (0.0, t_end), start, method="taylor", rtol=rtol, atol=rtol)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-15])
 @pytest.mark.parametrize("scene", RUNS)
 def test_runs_are_those_of_our_driver(scene: str, rtol: float) -> None:

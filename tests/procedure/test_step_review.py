@@ -120,6 +120,7 @@ def foreign(callee: Callee, place: int) -> Any:
     return function
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name",
     [

@@ -72,6 +72,7 @@ def every_system(*quick: str) -> list[Any]:
 
 
 # Time and angles, a constraint, a matrix for LAPACK, conditions.
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", every_system("cart and pole", "cartesian-pendulum", "8 carried masses", "friction"))
 def test_jax_computes_what_the_model_does(name: str) -> None:
     check(JAX, named(name), count=2)
@@ -119,6 +120,7 @@ def test_derivatives_by_casadi_are_the_jacobian(name: str) -> None:
         assert derivative_apart(model, time, state, found) <= 1
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", every_system("cart and pole", "8 carried masses"))
 def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
     ready(JAX)

@@ -78,6 +78,7 @@ def test_velocities_with_two_solutions_are_not_chosen() -> None:
         system.run(1.0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
 def test_exported_integrators_start_from_coordinates_alone(method: str, tmp_path: Path) -> None:

@@ -228,6 +228,7 @@ def test_an_energy_that_is_merged_to_the_same_text_is_printed_once() -> None:
         assert len(LineWriter(STATED, UnicodeNotation).formula(Formula((ShownQuantity("V"), stated, second)))) == count
 
 
+@pytest.mark.slow
 def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
     system = shared_scene("spinning-top")
     page = system.derivation().text()

@@ -156,7 +156,7 @@ CROWDED = ("pleiades", "sun-earth-moon")
 """Scenes with many names, and with long numbers."""
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*CROWDED, *[name for name in lg.scenes() if name not in CROWDED]])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
     nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())

@@ -47,6 +47,7 @@ def test_a_figure_shows_itself_with_two_dots_to_a_pixel(figure: Any) -> None:
     assert repr(made).startswith("<figure '") and "Figure size" not in repr(made)
 
 
+@pytest.mark.slow
 def test_a_figure_of_noise_is_bounded_and_stays_a_picture() -> None:
     figure = new_figure(figsize=(8, 5))
     rng = np.random.default_rng(1)

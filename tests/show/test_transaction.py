@@ -97,31 +97,6 @@ def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
         assert found["then"] == {**OLD, **MINE, "a.csv": "new"}
 
 
-LIMITED = """
-import resource, sys
-from lagrange.errors import RunError
-from lagrange.show.files.atomic_file import write_together
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-text = lambda size: lambda file: file.write(b"n" * size)
-try:
-    write_together(sys.argv[1], {"a.csv": text(9_000), "b.png": text(11_000), "c.json": text(10)})
-except RunError as error:
-    sys.stdout.write(str(error))
-"""
-
-
-def test_a_real_limit_of_the_system(tmp_path: Path) -> None:
-    pytest.importorskip("resource")
-    write_together(tmp_path, {name: text("old") for name in OLD})
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, check=True, timeout=300
-    )
-    assert done.stdout == (
-        f"Cannot write {tmp_path / 'b.png'}: it is too large. Nothing was written; free some space or write elsewhere."
-    )
-    assert contents(tmp_path) == OLD
-
-
 def test_links_are_followed_and_permissions_are_kept(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "real.csv").write_text("old")

@@ -165,6 +165,7 @@ REWRITTEN: dict[str, Callable[[lg.System], lg.System]] = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", ["substitute", "transform", pytest.param("routhian", marks=pytest.mark.slow)])
 def test_a_rewritten_statement_is_read_in_rates(change: str) -> None:
     """A belt joins a sleeve and the axis of the body. `linearize` compares the reading with the compiled model."""
@@ -297,6 +298,7 @@ def test_a_root_of_the_rates_that_is_singular_is_named_by_the_rotation() -> None
     assert "R_w" not in run.message
 
 
+@pytest.mark.slow
 def test_an_energy_that_is_not_quadratic_in_the_rates_has_no_moments_to_judge() -> None:
     rates = R.body.dot(R.body)
     assert lg.System(rates + sympy.sqrt(1 + 100 * R.body[0] ** 2)).check(points=1)

@@ -21,7 +21,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 from lagrange.system import System
 from tests.covering import Share
-from tests.textbook.systems import CASES, NAMES, Case, chain_of_masses, value
+from tests.textbook.systems import CASES, NAMES, Case, value
 
 TOLERANCE = mpmath.mpf(10) ** -30
 BOOKS = [case for case in CASES if case.book]
@@ -177,30 +177,3 @@ def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int, s
 
 # --- compiled -------------------------------------------------------------------------------------------------
 # Compiled models against the textbook derivation, whose accelerations are evaluated in 40 digits.
-
-NEAR = 1e-12
-ALL = (*CASES, chain_of_masses(5))
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("case", ALL, ids=[*NAMES, "chain"])
-def test_compiled_model_agrees_with_the_derivation(case: Case, target: str) -> None:
-    statement = case.statement()
-    derivation = derive(statement)
-    model = System.from_statement(statement).compile(target)
-    n = len(statement.coordinates)
-    for q, v, time in case.points():
-        with mpmath.workdps(40):
-            accelerations = [
-                float(value(derivation.accelerations[c], statement, q, v, time)) for c in statement.coordinates
-            ]
-            momenta = [float(value(derivation.momenta[c], statement, q, v, time)) for c in statement.coordinates]
-            mass = [
-                [float(value(derivation.mass_matrix[i, j], statement, q, v, time)) for j in range(n)] for i in range(n)
-            ]
-            energy = float(value(derivation.energy, statement, q, v, time))
-        scale = 1 + np.abs(accelerations).max()
-        np.testing.assert_allclose(model.accelerations(q, v, time), accelerations, rtol=NEAR, atol=NEAR * scale)
-        np.testing.assert_allclose(model.momenta(q, v, time), momenta, rtol=NEAR, atol=NEAR)
-        np.testing.assert_allclose(model.energy(q, v, time), energy, rtol=NEAR, atol=NEAR * 100)
-        np.testing.assert_allclose(model.mass_matrix(q, time, v=v), mass, rtol=NEAR, atol=NEAR)

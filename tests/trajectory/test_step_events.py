@@ -200,22 +200,6 @@ def test_a_circular_billiard(name: str) -> None:
     assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
 
 
-@pytest.mark.parametrize("name", ["taylor", "rk4", "dop853"])
-def test_both_walls_of_a_corner_at_once(name: str) -> None:
-    options = {"step": 0.25} if name == "rk4" else {}
-    walls = [event(u * (1 - u), direction=-1, reset={u.dot: -u.dot}) for u in (x, y)]
-    model = build(
-        kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x: 0.5, y: 0.5, x.dot: 1.0, y.dot: 1.0}
-    )
-    found = go(model, 10.3, walls, name, **options)
-    assert found.t_events[0] == pytest.approx(np.arange(10) + 0.5, rel=1e-11)
-    assert np.array_equal(found.t_events[0], found.t_events[1])
-    assert found.y[:, -1] == pytest.approx([0.8, 0.8, 1.0, 1.0], rel=1e-10)
-    # Both resets are computed from the state before.
-    swap = [event(x - 1, reset={x.dot: -y.dot}), event(y - 1, reset={y.dot: 3 * x.dot})]
-    assert go(model, 0.6, swap, name, **options).y[2:, -1] == pytest.approx([-1.0, 3.0], rel=1e-13)
-
-
 def test_the_grid_starts_anew_at_a_reset() -> None:
     """Equal steps of 0.4 from each wall on, and nothing of the old grid behind it."""
     saw = go(free(), 2.5, [event(x - 1, reset={x: 0})], "rk4", step=0.4)
