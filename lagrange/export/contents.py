@@ -15,8 +15,7 @@ from lagrange.algorithm.step.integrate import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.descriptions import COMMENT_WIDTH, statement_lines
-from lagrange.export.identifiers import ascii_name
-from lagrange.export.lines import wrapped
+from lagrange.export.identifiers import ascii_name, wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target

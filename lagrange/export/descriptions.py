@@ -11,8 +11,7 @@ from sympy import count_ops
 from sympy.printing.str import StrPrinter
 
 from lagrange.algorithm.outcome import Outcome
-from lagrange.export.identifiers import distinct
-from lagrange.export.lines import TOGETHER, commented, plain, wrapped
+from lagrange.export.identifiers import TOGETHER, commented, distinct, plain, wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.show.notation.formula import Typesetter

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts, run_of
-from lagrange.export.lines import commented, number_lines
+from lagrange.export.identifiers import commented, number_lines
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.procedure.spelling import Literals
 

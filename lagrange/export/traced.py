@@ -15,8 +15,7 @@ from typing import ClassVar
 
 from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
 from lagrange.export.descriptions import named_places, statement_comment
-from lagrange.export.identifiers import distinct
-from lagrange.export.lines import TEXT_WIDTH, commented
+from lagrange.export.identifiers import TEXT_WIDTH, commented, distinct
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter

@@ -10,8 +10,8 @@ from typing import Any
 from lagrange.errors import LagrangeError, StatementError, listing
 from lagrange.machine.model import Model
 from lagrange.page.animation import animate
-from lagrange.page.computed_motion import METHOD, NoPage
 from lagrange.page.player import in_frame
+from lagrange.page.script_data import METHOD, NoPage
 from lagrange.page.sliders import PARAMETER, RATE, STATE, Slider, asked_bounds, places, rates_at
 from lagrange.page.web_page import page_of
 from lagrange.show.figures.style import style_of

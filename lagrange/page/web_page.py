@@ -14,7 +14,6 @@ import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
-from lagrange.page.computed_motion import PAGE_STEPS, TOLERANCE, motion_source
 from lagrange.page.document import (
     COMPUTED,
     PICTURES,
@@ -28,7 +27,7 @@ from lagrange.page.document import (
     phase_choices,
     template,
 )
-from lagrange.page.script_data import ENERGIES, description, rate_of
+from lagrange.page.script_data import ENERGIES, PAGE_STEPS, TOLERANCE, description, motion_source, rate_of
 from lagrange.page.sliders import PARAMETER, Slider, quaternion_rows, sliders
 from lagrange.show.derivation_page import HtmlPage
 from lagrange.show.files.atomic_file import write_atomically

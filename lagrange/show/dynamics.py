@@ -24,9 +24,8 @@ from lagrange.dynamics.sweep import SweepData, parameter_of, sweep, values_of, w
 from lagrange.errors import StatementError, counted, listing, shown
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.modes import Modes
+from lagrange.show.figures.dynamics_figures import plot_branches, plot_portrait, plot_section, plot_sweep
 from lagrange.show.figures.modes_figure import plot_modes
-from lagrange.show.figures.portrait_figure import plot_portrait
-from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture

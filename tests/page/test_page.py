@@ -15,9 +15,8 @@ from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.page.computed_motion import contents
 from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, in_script
-from lagrange.page.script_data import rate_of
+from lagrange.page.script_data import contents, rate_of
 from lagrange.page.sliders import nice, parameter_bounds
 from lagrange.page.web_page import FoldedFormulas
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring

@@ -9,9 +9,9 @@ from itertools import count
 from xml.sax.saxutils import quoteattr
 
 from lagrange.export.descriptions import OUTCOMES, generator, run_of
+from lagrange.export.identifiers import continued
 from lagrange.export.languages.c import numbers, statement_comment
 from lagrange.export.languages.c_printer import LITERALS
-from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
 
 HIDDEN = ("jacobian",)

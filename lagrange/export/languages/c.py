@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, indices, outcome_codes, places, records_of, sizes, statuses
+from lagrange.export.identifiers import continued, plain
 from lagrange.export.languages.c_printer import KINDS, LITERALS, CNames, comment, function
-from lagrange.export.lines import continued, plain
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, test_text
 from lagrange.export.target import Target, register

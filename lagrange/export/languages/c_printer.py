@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from lagrange.errors import LagrangeError
-from lagrange.export.identifiers import ascii_name, unreserved
-from lagrange.export.lines import TEXT_WIDTH, continued, wrapped
+from lagrange.export.identifiers import TEXT_WIDTH, ascii_name, continued, unreserved, wrapped
 from lagrange.procedure.form import (
     FLAG,
     PARTIAL,

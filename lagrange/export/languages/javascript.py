@@ -16,6 +16,7 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
+from lagrange.export.identifiers import commented, continued
 from lagrange.export.languages.javascript_printer import (
     LITERALS,
     File,
@@ -24,7 +25,6 @@ from lagrange.export.languages.javascript_printer import (
     helper_lines,
     shifted_parameters,
 )
-from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register

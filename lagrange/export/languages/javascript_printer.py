@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
+from lagrange.export.identifiers import commented
 from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
 from lagrange.export.languages.c_printer import BracedPrinter
-from lagrange.export.lines import commented
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator

@@ -17,8 +17,7 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.identifiers import ascii_name, distinct
-from lagrange.export.lines import commented
+from lagrange.export.identifiers import ascii_name, commented, distinct
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register

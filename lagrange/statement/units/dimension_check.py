@@ -19,15 +19,6 @@ from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.given.motion import motion_of, table_range
 from lagrange.statement.parameters import in_own_parameters, label_of, rate_name
 from lagrange.statement.statement import Statement
-from lagrange.statement.units.checked_part import (
-    SAME_DIMENSION,
-    CheckedPart,
-    in_short,
-    inner_parts,
-    is_multiple_of_time,
-    number_of,
-    without_own_numbers,
-)
 from lagrange.statement.units.dimension import (
     BASE,
     DIMENSIONLESS,
@@ -40,7 +31,17 @@ from lagrange.statement.units.dimension import (
     units_in,
     with_dimensions_of_rates,
 )
-from lagrange.statement.units.unit_equations import OtherUnitError, UnitEquations
+from lagrange.statement.units.unit_equations import (
+    SAME_DIMENSION,
+    CheckedPart,
+    OtherUnitError,
+    UnitEquations,
+    in_short,
+    inner_parts,
+    is_multiple_of_time,
+    number_of,
+    without_own_numbers,
+)
 
 NO_UNIT = (
     " The numbers of a table have no unit: with parameters for the units of its points and values write "
