@@ -42,8 +42,8 @@ class SceneError(StatementError):
     """A scene file that cannot be used: the message names file, line and column."""
 
     def __init__(self, reason: str, *, file: str = "", line: int | None = None, column: int | None = None) -> None:
-        place = ":".join(str(part) for part in (shortened(file), line, column) if part not in ("", None))
-        super().__init__(f"{place}: {reason}" if place else reason)
+        location = ":".join(str(part) for part in (shortened(file), line, column) if part not in ("", None))
+        super().__init__(f"{location}: {reason}" if location else reason)
         self.reason = reason
         self.file = file
         self.line = line
@@ -101,7 +101,7 @@ def has_many_parts(expression: Any) -> bool:
 
 
 def formula(expression: Any, most: int = 80) -> str:
-    """Return a SymPy expression as a message quotes it: cut where it is long, and described where it is very large."""
+    """Return a SymPy expression as text for a message: cut if it is long, only described if it is very large."""
     if has_many_parts(expression):
         return MANY_PARTS
     try:

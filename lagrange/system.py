@@ -84,7 +84,7 @@ class System:
         points (x, y) or (x, y, z) and shapes to draw. `links` are pairs of these names, or triples, ("origin", "bob",
         "spring"). `surfaces` names lines to draw, such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
-        names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one instant, newton or sequence.
+        names to `lagrange.contact(gap, ...)`. `simultaneous`, "newton" or "sequence", is the law of joint impacts.
         """
         with stating(name):
             statement = declare(
@@ -116,7 +116,7 @@ class System:
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
-        """Return the system of a checked statement, such as `system.statement`. Raises StatementError otherwise."""
+        """Return the system of a `Statement`, such as `system.statement`. Raises StatementError for another type."""
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
         return cls.__new__(cls)._adopt(statement)
@@ -281,7 +281,7 @@ class System:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
         The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table
-        and is true if all agree. `seed` determines the `points` random states. Raises StatementError otherwise.
+        and is true if all agree. `seed` determines the `points` random states. Raises StatementError for bad values.
         """
         from lagrange.evidence.check import check_stated
 
@@ -353,7 +353,7 @@ class System:
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
 
-        It reads back symbol for symbol: the scene says `evaluate = false`, so expressions are built as they stand.
+        It reads back symbol for symbol: the scene says `evaluate = false`, so SymPy does not rearrange expressions.
         Raises StatementError for the derivative of a function that is not written out, or a path that is not writable.
         """
         from lagrange.show.files.atomic_file import write_atomically
@@ -380,8 +380,8 @@ class System:
         """
         from lagrange.page.explore import explore, explored_sliders
 
-        given, model = explored_sliders(self.statement, ranges, sliders), lambda: self._model
-        return explore(self.statement, given, model, self.run, t_end=t_end, method=method, play=play, style=style)
+        chosen, model = explored_sliders(self.statement, ranges, sliders), lambda: self._model
+        return explore(self.statement, chosen, model, self.run, t_end=t_end, method=method, play=play, style=style)
 
     def eliminate(self, *coordinates: Any) -> System:
         """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
@@ -507,9 +507,9 @@ class System:
         """
         from lagrange.show.notation.graded_answer import graded_answer
 
-        known = self._known
-        derivation = (self.from_statement(known) if self.statement.given else self).derivation()
-        return graded_answer(known, derivation, derived)
+        statement = self._known
+        derivation = (self.from_statement(statement) if self.statement.given else self).derivation()
+        return graded_answer(statement, derivation, derived)
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
@@ -589,12 +589,12 @@ def _from_text(text: str) -> System:
 
 
 def _reached(*given: Any) -> list[Any]:
-    """Return the nearest states on the constraints; see `lagrange.compiler.reached`."""
+    """Return the nearest states on the constraints, without those whose projection fails."""
     from lagrange.compiler import reached
 
     return reached(*given)
 
 
 def scene(name: str) -> System:
-    """Return a system of the library by name; `lagrange.scenes()` lists the names. Raises StatementError otherwise."""
+    """Return a system of the library. Raises StatementError for a name that `lagrange.scenes()` does not list."""
     return System.from_statement(library_scene(name))

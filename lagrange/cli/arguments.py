@@ -160,17 +160,17 @@ def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
 
 def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return the bounds of a repeated option NAME=LOW:HIGH, by name."""
-    found: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float]] = {}
     for text in given:
         name, equals, pair = text.partition("=")
         low, colon, high = pair.partition(":")
         if not (name.strip() and equals and colon):
             raise StatementError(f"{option} {text[:80]}: write NAME=LOW:HIGH, such as {option} l=0.5:2.")
-        if name.strip() in found:
+        if name.strip() in ranges:
             raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
         least, most = (number(f"{option} {name.strip()}", one.strip()) for one in (low, high))
-        found[name.strip()] = (least, most)
-    return found
+        ranges[name.strip()] = (least, most)
+    return ranges
 
 
 def given_number(option: str, text: str | None) -> float | None:

@@ -88,24 +88,24 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
     stems = Counter(path.stem for path in files)
     rows = []
     with counter(len(files), "answer", wanted=progress) as report:
-        for done, path in enumerate(files, 1):
+        for count, path in enumerate(files, 1):
             rows.append(_graded(system, path) | {"student": path.stem if stems[path.stem] == 1 else path.name})
             if report is not None:
-                report(done)
+                report(count)
     cells = [[str(row[column]) for column in COLUMNS] for row in rows]
     verdicts = Counter(row["verdict"] for row in rows)
-    right, told = verdicts["right"], text_table(COLUMNS[:3], [*_wrapped(cells)])
+    right, table = verdicts["right"], text_table(COLUMNS[:3], [*_wrapped(cells)])
     summary = f"{right} of {len(rows)} are right, {verdicts['wrong']} wrong, and {verdicts[UNREADABLE]} cannot be read."
     if any(path.is_dir() for path in folder.iterdir()):
         summary += " Folders inside are left out: put one file for each student in the folder itself."
     if out is not None:
         write_atomically(out, lambda file: write_rows(file, COLUMNS, list(zip(*cells, strict=True))))
         summary += f" Written to {out}."
-    return Answer(DONE if right == len(rows) else FAILED, f"{told}\n\n{summary}", {"answers": rows})
+    return Answer(DONE if right == len(rows) else FAILED, f"{table}\n\n{summary}", {"answers": rows})
 
 
 def _wrapped(cells: Sequence[Sequence[str]]) -> Iterator[tuple[str, str, str]]:
-    """Yield the rows of the printed table; a finding that is wider than the output goes on below."""
+    """Yield the rows of the printed table; a finding that is too wide continues on the next lines."""
     width = columns_of_output() - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:2])
     for student, verdict, finding, _ in cells:
         first, *more = textwrap.wrap(finding, max(width, NARROWEST)) or [""]
@@ -119,13 +119,13 @@ def _answers(folder: Path) -> Iterator[Path]:
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return the row of one file: an entry for each column but the student, and the whole comparison for --json."""
-    found: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
+    """Return the result for one file: the columns except the student, and all fields of the comparison for --json."""
+    row: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:
         result = system.compare(_text(path))
     except StatementError as error:
-        return found | {"verdict": UNREADABLE, "finding": str(error)}
-    return found | {
+        return row | {"verdict": UNREADABLE, "finding": str(error)}
+    return row | {
         "verdict": "right" if result else "wrong",
         "finding": "" if result else result.message,
         "reading": result.read.replace("\n", "; "),
@@ -139,7 +139,7 @@ def _graded(system: System, path: Path) -> dict[str, Any]:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file. Raises StatementError where it cannot be read."""
+    """Return the text of a file. Raises StatementError if it is too large, is not text, or cannot be read."""
     try:
         if not path.is_file():
             raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")

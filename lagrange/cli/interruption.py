@@ -79,7 +79,7 @@ class Interruption:
         return [names[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in names]
 
     def _come_again(self) -> None:
-        """Send the signal to the main thread, which runs this code, again after `INTERVAL`."""
+        """Send the signal again after `INTERVAL` seconds. This code runs in the main thread, which receives it."""
         number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
         def wait() -> None:

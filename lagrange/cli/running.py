@@ -97,7 +97,7 @@ def add_race(commands: Any) -> None:
 
 def race(request: argparse.Namespace) -> Answer:
     """Race methods on a scene, write the table and the picture, and return the measurements."""
-    given: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "methods": None if request.methods is None else [name.strip() for name in request.methods.split(",")],
         **{key: number_list(f"--{key}", getattr(request, key)) for key in ("tolerances", "steps")},
         **{key: given_number(f"--{key}", getattr(request, key)) for key in ("outputs", "digits", "repeats")},
@@ -106,16 +106,16 @@ def race(request: argparse.Namespace) -> Answer:
     begun = start(request)
     system = load_scene(request.scene)
     target = folder(request.out) if request.out is not None else None
-    wanted = {key: value for key, value in given.items() if value is not None}
-    found = lg.race(system, **begun, relative=request.relative, **wanted)
-    files = found.to_folder(target) if target is not None else []
+    options = {key: value for key, value in settings.items() if value is not None}
+    result = lg.race(system, **begun, relative=request.relative, **options)
+    files = result.to_folder(target) if target is not None else []
     written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
-    code = DONE if any(entry.complete for entry in found) else FAILED
-    return Answer(code, repr(found) + written, {**found.to_dict(), "files": [str(path) for path in files]})
+    code = DONE if any(entry.complete for entry in result) else FAILED
+    return Answer(code, repr(result) + written, {**result.to_dict(), "files": [str(path) for path in files]})
 
 
 TABLE, STORE = ".csv", ".zarr"
-"""Suffixes of a table with a line for each member, and of a folder to which results are written block by block."""
+"""Suffixes: a CSV file with a line for each member, and a folder to which results are written block by block."""
 
 
 def add_ensemble(commands: Any) -> None:
@@ -180,7 +180,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
         **{key: value for key, value in how.items() if value is not None},
     )
     counts = Counter(runs.status.tolist())
-    ended = {one.value: counts[one] for one in lg.Status if counts[one]}
+    ended = {status.value: counts[status] for status in lg.Status if counts[status]}
     stopped = counts[lg.Status.INTERRUPTED] > 0
     said = repr(runs) + (_written(runs, out, what, request.style, stopped=stopped) if out is not None else "")
     data = {"members": len(runs), "shape": [n for n in varied.shape if n > 1], "status": ended, "wall": runs.wall}
@@ -207,12 +207,11 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 
 MOST_WITHOUT_STORE = 10_000_000
-"""Largest number of members of an ensemble that is not written to a folder, from which it could go on: the quickest
-take minutes."""
+"""Largest number of members without a store: the fastest takes minutes, and cannot be continued later."""
 
 
 def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:
-    """Raise StatementError for more members than run without a folder that stores them."""
+    """Raise StatementError for more than `MOST_WITHOUT_STORE` members without a folder that stores them."""
     members = math.prod(count for _, _, count in axes.values())
     if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
         raise StatementError(
@@ -286,7 +285,7 @@ def _columns(kept: dict[str, Any]) -> list[str]:
 def _drawn(
     request: argparse.Namespace, out: Path | None, axes: dict[str, Any], known: list[str], points: int | None
 ) -> str | None:
-    """Return the quantity that a picture shows, None for the default. Invalid requests are refused before the runs."""
+    """Return the quantity that a picture shows, None for the default. Raises StatementError for an invalid request."""
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:
         if request.what is not None:

@@ -54,8 +54,10 @@ def export(request: argparse.Namespace) -> Answer:
     system = load_scene(request.scene)
     contents = None if request.contents is None else [name.strip() for name in request.contents.split(",")]
     values: Any = assignments("--set", request.set)
-    made = system.export(request.target, request.out, contents, parameters=values or None)
-    return Answer(DONE, str(made), {"files": [str(path) for path in made.files], "commands": list(made.commands)})
+    exported = system.export(request.target, request.out, contents, parameters=values or None)
+    return Answer(
+        DONE, str(exported), {"files": [str(path) for path in exported.files], "commands": list(exported.commands)}
+    )
 
 
 def targets(request: argparse.Namespace) -> Answer:
@@ -127,37 +129,42 @@ def add_pictures(commands: Any) -> None:
 
 def plot(request: argparse.Namespace) -> Answer:
     """Run a scene, write its picture, and print the path."""
-    wanted = _file(request, ".png")
-    if wanted.suffix.lower() not in PICTURES:
+    path = _file(request, ".png")
+    if path.suffix.lower() not in PICTURES:
         raise StatementError(f"--out {request.out}: name a file that ends in .png, .svg or .pdf.")
     what = None if request.what is None else [name.strip() for name in request.what.split(",")]
     solution = _solution(request)
-    kind = wanted.suffix.lower()[1:]
+    kind = path.suffix.lower()[1:]
     figure = solution.plot(what, style=request.style)
-    written = write_atomically(wanted, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
+    written = write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
     said = f"{_remark(solution)}written to {written}"
     return Answer(code_of(solution), said, {"file": str(written), **_how(solution)})
 
 
 def animate(request: argparse.Namespace) -> Answer:
     """Run a scene, write its animation, and print its content and its path."""
-    wanted = named_kind(_file(request, ".html"))
+    path = named_kind(_file(request, ".html"))
     options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
     fps, size = given_number("--fps", request.fps), _size(request.size)
     solution = _solution(request)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the notes below report it
-        made = solution.animate(
-            wanted,
+        warnings.simplefilter("ignore", UserWarning)  # the notes in the output say the same
+        animation = solution.animate(
+            path,
             fps=fps,
             size=size,
             style=request.style,
             progress=not request.json,
             **options,
         )
-    shown = {"frames": len(made.t), "seconds": made.seconds, "speed": made.speed, "notes": list(made.notes)}
-    data = {"file": str(made.path), **shown, **_how(solution)}
-    return Answer(code_of(solution), _remark(solution) + repr(made), data)
+    shown = {
+        "frames": len(animation.t),
+        "seconds": animation.seconds,
+        "speed": animation.speed,
+        "notes": list(animation.notes),
+    }
+    data = {"file": str(animation.path), **shown, **_how(solution)}
+    return Answer(code_of(solution), _remark(solution) + repr(animation), data)
 
 
 def _solution(request: argparse.Namespace) -> lg.Solution:
@@ -169,9 +176,9 @@ def _file(request: argparse.Namespace, ending: str) -> Path:
     """Return the path to write: the named file, or a file in the current folder named after the scene."""
     if request.out == "":
         raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
-    wanted = Path(Path(request.scene).stem + ending if request.out is None else request.out)
-    check_place(wanted)  # refuse a path that cannot be written before the run, which may take long
-    return wanted
+    path = Path(Path(request.scene).stem + ending if request.out is None else request.out)
+    check_place(path)  # refuse a path that cannot be written before the run, which may take long
+    return path
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

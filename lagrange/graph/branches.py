@@ -23,7 +23,7 @@ class Domains:
         self._known: dict[Node, bool] = {}
 
     def limited(self, node: Node) -> bool:
-        """Return True if the node, or one that it is computed from, has values in a limited domain only."""
+        """Return True if the node, or a node it depends on, may have no finite value."""
         known = self._known
         stack = [node]
         while stack:
@@ -103,7 +103,7 @@ def opposite(condition: Node) -> Node:
 
 
 def where_read(node: Node, condition: Node) -> Node:
-    """Return a node that equals the given one if the condition holds, else 1, which is finite and has no zero."""
+    """Return a node that equals `node` if the condition holds, else 1, which is finite and not zero."""
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
 

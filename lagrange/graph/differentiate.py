@@ -70,7 +70,7 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 
 
 def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
-    """Enter the tangent of a node from those of its arguments; for a linear solve those of all its unknowns."""
+    """Add the tangent of a node to `table`, which has those of its arguments. A linear solve adds all its unknowns."""
     graph = node.graph
     if node.kind is Kind.COMPONENT:
         _push_component(node, table)
@@ -85,7 +85,7 @@ def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
 
 
 def _push_component(node: Node, table: dict[Node, Node]) -> None:
-    """Enter the tangents dx of M x = b: M dx = db - dM x, solved with the same factors of M."""
+    """Add the tangents dx of M x = b to `table`: M dx = db - dM x, solved with the same factors of M."""
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]
     n = solution.data
@@ -105,7 +105,10 @@ def _push_component(node: Node, table: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, inner: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the adjoint of every symbol of the mask, from a reverse sweep; `inner` has the gradients of choices."""
+    """Return the adjoint of every symbol in the bit mask, by a reverse sweep over `order` (arguments first).
+
+    `inner` has the gradients of choices.
+    """
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
     domains = Domains()
@@ -143,7 +146,7 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return the choice with a derivative in place of each value. It stays undefined where the choice is undefined."""
+    """Return the choice with its values replaced by derivatives. It is undefined where the choice is undefined."""
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]

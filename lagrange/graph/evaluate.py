@@ -40,18 +40,18 @@ def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> 
     """
     outputs = list(outputs)
     numbers = _numbers_of(context)
-    known: dict[Node, Any] = dict(point)
+    results: dict[Node, Any] = dict(point)
     for node in reachable(outputs):
-        if node not in known:
+        if node not in results:
             try:
-                value = _value(node, [known[arg] for arg in node.args], numbers)
+                value = _value(node, [results[arg] for arg in node.args], numbers)
             except (ArithmeticError, ValueError):
                 return None
             if not isinstance(value, bool) and not (isinstance(value, context.mpf) and abs(value) < BEYOND_DOUBLES):
                 return None
-            known[node] = value
-    largest = max((abs(value) for value in known.values() if not isinstance(value, bool)), default=context.mpf(1))
-    return [known[node] for node in outputs], largest
+            results[node] = value
+    largest = max((abs(value) for value in results.values() if not isinstance(value, bool)), default=context.mpf(1))
+    return [results[node] for node in outputs], largest
 
 
 def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
@@ -60,14 +60,14 @@ def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], 
     `point` has an array (count,) for every symbol. A value that is not defined is NaN or infinite.
     """
     outputs = list(outputs)
-    known: dict[Node, Any] = dict(point)
+    results: dict[Node, Any] = dict(point)
     with np.errstate(all="ignore"):
         for node in reachable(outputs):
-            if node not in known:
-                known[node] = _value(node, [known[arg] for arg in node.args], DOUBLES)
+            if node not in results:
+                results[node] = _value(node, [results[arg] for arg in node.args], DOUBLES)
     rows = np.empty((len(outputs), count))
     for row, node in zip(rows, outputs, strict=True):
-        row[:] = known[node]
+        row[:] = results[node]
     return rows
 
 

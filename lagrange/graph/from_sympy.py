@@ -31,8 +31,8 @@ class Translator:
     def __call__(self, expression: Any) -> Node:
         """Return the node of a SymPy expression. Raises StatementError for unsupported parts."""
         done = self._done
-        if (known := done.get(expression)) is not None:
-            return known
+        if (node := done.get(expression)) is not None:
+            return node
         stack = [expression]
         while stack:
             top = stack[-1]
@@ -119,7 +119,7 @@ def _heaviside(graph: Graph, a: Node, middle: Node) -> Node:
 
 
 def _either(graph: Graph, condition: Node, then: Node, otherwise: Node) -> Node:
-    """Return the graph form of SymPy's ITE, a condition that chooses between two others."""
+    """Return the condition `then` where `condition` holds, else the condition `otherwise` (SymPy's ITE)."""
     ways = [(condition, then), (graph.call("not", condition), otherwise)]
     both = [a if b is graph.one else graph.call("and", a, b) for a, b in ways if b is not graph.zero]
     return _fold("or")(graph, *both) if both else graph.zero

@@ -103,7 +103,7 @@ class Animation:
         that cannot be written, RunError if the disk is full.
         """
         flag(progress, "progress")
-        wanted, notes = _writable(path)
+        target, notes = _writable(path)
         span = float(self.t[0]), float(self.t[-1])
         with progress_bar(span, wanted=progress) as update:
 
@@ -112,7 +112,7 @@ class Animation:
                     update(float(self.t[number]))
 
             tell(0)
-            written = write_atomically(wanted, partial(self._write, wanted.suffix.lower(), tell))
+            written = write_atomically(target, partial(self._write, target.suffix.lower(), tell))
         for note in notes:
             warnings.warn(note, stacklevel=3)
         return replace(self, path=written, notes=(*self.notes, *notes))
@@ -160,7 +160,7 @@ def animate(
     trail: float | None = None,
     progress: bool = False,
 ) -> Animation:
-    """Return the animation of a run, written to `path` if it is given; see `Solution.animate`."""
+    """Return the animation of a run, and write it to `path` unless that is None."""
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     options = film_options(size, trail)
     if path is not None:
@@ -175,8 +175,8 @@ def animate(
     notes = chosen.notes if recording.points else (missing, *chosen.notes)
     if known_alone(solution.trajectory) is not None:
         notes = ("The run is from a file: between the states that this has, the motion is interpolated.", *notes)
-    made = Animation(plain_text(recording.statement.name), recording, film, style, notes)
-    return made if path is None else made.save(path, progress=progress)
+    animation = Animation(plain_text(recording.statement.name), recording, film, style, notes)
+    return animation if path is None else animation.save(path, progress=progress)
 
 
 def png(pixels: Pixels) -> bytes:
@@ -193,16 +193,16 @@ def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
 
     Raises StatementError for an unknown kind of file.
     """
-    wanted = named_kind(path)
-    check_place(wanted)
-    if wanted.suffix.lower() != ".mp4" or has_ffmpeg():
-        return wanted, ()
-    other = wanted.with_suffix(".html")
+    requested = named_kind(path)
+    check_place(requested)
+    if requested.suffix.lower() != ".mp4" or has_ffmpeg():
+        return requested, ()
+    other = requested.with_suffix(".html")
     if other.exists():
         raise StatementError(
-            f"{wanted} needs the program ffmpeg, which is not installed, and {other}, which would do instead, is there "
-            "already: name a file that ends in .html or .gif."
+            f"{requested} needs the program ffmpeg, which is not installed, and {other}, which would do instead, is "
+            "there already: name a file that ends in .html or .gif."
         )
     return other, (
-        f"ffmpeg is not installed, which {wanted.name} needs: {other.name} is written instead, with a player.",
+        f"ffmpeg is not installed, which {requested.name} needs: {other.name} is written instead, with a player.",
     )

@@ -124,7 +124,7 @@ def in_script(text: str) -> str:
 
 
 def hash_of(text: str) -> str:
-    """Return the hash of a script or a style, as a policy names it."""
+    """Return the hash of a script or a style in the form of a content security policy: 'sha256-...'."""
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 

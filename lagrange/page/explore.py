@@ -40,20 +40,21 @@ def explored_sliders(statement: Statement, ranges: Any, named: Mapping[str, Any]
     Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """
     bounds = asked_bounds(statement, ranges) | asked_bounds(statement, named)
-    known = places(statement)
+    adjustable = places(statement)
     if not bounds:
         raise StatementError(
-            f"no slider was asked for: give bounds such as explore({next(iter(known))}=(0, 2)), of {listing(known)}."
+            f"no slider was asked for: give bounds such as explore({next(iter(adjustable))}=(0, 2)), of "
+            f"{listing(adjustable)}."
         )
     if len(bounds) > MOST_SLIDERS:
         raise StatementError(f"{len(bounds)} sliders were asked for, and there is room for {MOST_SLIDERS}.")
     sliders = []
     starts = {STATE: statement.initial, RATE: rates_at(statement, statement.initial)}
     for name, (low, high) in bounds.items():
-        kind, place = known[name]
-        value = statement.defaults.get(statement.parameters[place]) if kind == PARAMETER else starts[kind][place]
+        kind, index = adjustable[name]
+        value = statement.defaults.get(statement.parameters[index]) if kind == PARAMETER else starts[kind][index]
         start = (low + high) / 2 if value is None else min(max(value, low), high)
-        sliders.append(Slider(name, kind, place, start, low, high, unit_of(statement, name), chosen=True))
+        sliders.append(Slider(name, kind, index, start, low, high, unit_of(statement, name), chosen=True))
     return sliders
 
 
@@ -82,7 +83,7 @@ def explore(
     play: bool,
     style: str,
 ) -> Any:
-    """Return the page of a system with these sliders, or sliders that run in Python; see `System.explore`.
+    """Return the page of a system with these sliders, or sliders that run in Python if no page can be made.
 
     `model()` compiles the system, and `run(t_end, initial, parameters=..., ...)` runs it.
     """

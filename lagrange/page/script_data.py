@@ -134,17 +134,16 @@ def _letter(letter: str, dots: int) -> str:
 
 
 def _points(statement: Statement) -> dict[str, Any]:
-    """Return the named points, their dimension, and the links by the indices of their ends; the last is the origin.
+    """Return the named points, their dimension, and the links as pairs of indices; the origin is the last index.
 
-    Points along surfaces follow the named ones, `drawn` in all: each of `surfaces` has the index of its first point,
-    and the number of its points.
-    `colours` has the index of the colour of each point, null for fixed points; `size` is the factor of their size.
-    `corners` are true for points that are not drawn.
+    The points of surfaces follow the named points; `drawn` is the number of all. An entry of `surfaces` has the index
+    of its first point and the number of its points. `colours` has a colour index for each point, null if it is fixed.
+    `size` scales the points. `corners` has true for points that are not drawn.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
-    places = {name: place for place, name in enumerate([*names, ORIGIN])}
-    links = [[places[link.start], places[link.end], link.kind] for link in statement.links]
+    indices = {name: index for index, name in enumerate([*names, ORIGIN])}
+    links = [[indices[link.start], indices[link.end], link.kind] for link in statement.links]
     sizes = [len(line) for line in statement.outlines.values()]
     firsts = np.cumsum([len(names), *sizes]).tolist()
     moving = moving_points(statement)

@@ -228,9 +228,9 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
 
 
 def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> list[float]:
-    """Return the initial accelerations. They set the bounds of velocities that start at zero.
+    """Return the initial accelerations, (n,), which set the bounds of velocities that start at zero.
 
-    If they have no value they count as zero: the page itself reports a start without accelerations.
+    They are zero if they cannot be computed: the page itself reports that.
     """
     values = dict(zip(model.statement.parameters, parameters, strict=True))
     try:

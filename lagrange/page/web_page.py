@@ -175,13 +175,15 @@ def page_of(
     state = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     values = tuple(float(value) for value in model.parameter_array(parameters))
     start = complete_start(model, 0.0, state, np.array(values))
-    found = sliders(model, values, tuple(start.tolist()), asked)
+    page_sliders = sliders(model, values, tuple(start.tolist()), asked)
     motion = motion_source(model, parameters)
     data = description(statement, rate_of(end), ENERGIES[: 1 if statement.lagrangian_alone else 3])
     data |= {
         "parameters": list(motion.parameters),
         "initial": start.tolist(),
-        "sliders": [{key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in found],
+        "sliders": [
+            {key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in page_sliders
+        ],
         "quaternions": quaternion_rows(statement),
         "tolerance": TOLERANCE,
         "most_steps": PAGE_STEPS,
@@ -197,7 +199,7 @@ def page_of(
         "legend": legend(statement),
         "note": note(statement),
         "hint": hint(statement),
-        "sliders": slider_groups(found, FoldedFormulas(statement)),
+        "sliders": slider_groups(page_sliders, FoldedFormulas(statement)),
         "choices": phase_choices(statement),
         "formulas": "" if derivation is None else formulas(derivation),
         "look": f' data-style="{style}"' if style else "",

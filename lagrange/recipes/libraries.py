@@ -42,7 +42,10 @@ SYMBOLS = ("SX", "MX")
 
 
 def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) -> Any:
-    """Return a quantity as a casadi.Function; see `Model.as_casadi`."""
+    """Return a quantity as a casadi.Function of (t, y, p), made of `symbols` "SX" or "MX".
+
+    With `status` its second result is 1 if the mass matrix is singular, else 0. Raises StatementError without CasADi.
+    """
     program = quantity_program(model, quantity)
     one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
     try:
@@ -73,7 +76,7 @@ class JaxFunction:
 
 
 def jax_function(model: Model, quantity: str) -> JaxFunction:
-    """Return a quantity as a function; see `Model.as_jax`."""
+    """Return a quantity for JAX. Raises StatementError without JAX, and if JAX computes in single precision."""
     program = quantity_program(model, quantity)
     try:
         import jax
@@ -115,7 +118,7 @@ class NumbaFunction:
 
 
 def numba_function(model: Model, quantity: str) -> NumbaFunction:
-    """Return a quantity for Numba; see `Model.as_numba`."""
+    """Return a quantity for Numba. Raises StatementError without Numba, and on the numpy target."""
     kernel: Any = model.kernel(quantity)
     address = kernel.address
     try:
@@ -150,5 +153,5 @@ def numba_function(model: Model, quantity: str) -> NumbaFunction:
             out[...] = np.nan
         return out
 
-    made = numba.njit(result(numba.float64, vector, vector))(function)
-    return NumbaFunction(numba.njit(vector(vector))(prepare), made, made_fill)
+    compiled = numba.njit(result(numba.float64, vector, vector))(function)
+    return NumbaFunction(numba.njit(vector(vector))(prepare), compiled, made_fill)

@@ -29,10 +29,10 @@ class Model(compiled.Model):
         one for each name in `model.inputs`. Raises StatementError for invalid arguments; the functions raise
         RunError where the mass matrix is singular.
         """
-        found = declare_events(events, self.statement, constant="as_scipy")
+        declared = declare_events(events, self.statement, constant="as_scipy")
         functions = input_functions(self, inputs)
         values = self.parameter_array(with_zero_inputs(self.statement, parameters)).copy()
-        return ScipyProblem(self, values, found, functions)
+        return ScipyProblem(self, values, declared, functions)
 
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
         """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.

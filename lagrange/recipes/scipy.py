@@ -34,9 +34,9 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 
 def input_functions(model: Model, given: Any) -> Inputs:
     """Return the inputs of a model as functions of time. Raises StatementError for one that is missing or unknown."""
-    places = {symbol.name: place for place, symbol in enumerate(model.statement.parameters)}
+    indices = {symbol.name: index for index, symbol in enumerate(model.statement.parameters)}
     names = [symbol.name for symbol, _ in model.statement.inputs]
-    found: dict[str, Callable[[float], Any]] = {}
+    functions: dict[str, Callable[[float], Any]] = {}
     for key, value in table_of(given, "inputs", "input to function of t").items():
         name = label_of(key)
         if name not in names:
@@ -47,21 +47,21 @@ def input_functions(model: Model, given: Any) -> Inputs:
                 f"the input {name} is {shown(value)}: give a function of the time, such as lambda t: np.sin(t)."
             )
         _check_arity(name, value)
-        found[name] = value
-    missing = [name for name in names if name not in found]
+        functions[name] = value
+    missing = [name for name in names if name not in functions]
     if missing:
         raise StatementError(
             f"no function for {'input' if len(missing) == 1 else 'inputs'} {listing(missing)}: give inputs="
             f"{{'{missing[0]}': lambda t: ...}}, a function of the time."
         )
-    return tuple((places[name], found[name]) for name in names)
+    return tuple((indices[name], functions[name]) for name in names)
 
 
 def _check_arity(name: str, function: Callable[..., Any]) -> None:
     """Raise StatementError for a function that cannot be called with one argument, the time."""
     try:
         arguments = signature(function)
-    except (TypeError, ValueError):  # functions of C have none
+    except (TypeError, ValueError):  # C functions have no signature
         return
     try:
         arguments.bind(0.0)
@@ -74,10 +74,10 @@ def _check_arity(name: str, function: Callable[..., Any]) -> None:
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
     """Return the parameters with the values of the inputs at a time. Raises StatementError for an invalid value."""
-    found = parameters.copy() if inputs else parameters
-    for place, function in inputs:
-        found[place] = real_number(function(t), f"the input at t = {t:g}")
-    return found
+    values = parameters.copy() if inputs else parameters
+    for index, function in inputs:
+        values[index] = real_number(function(t), f"the input at t = {t:g}")
+    return values
 
 
 class ScipyEvent:
@@ -116,10 +116,10 @@ class ScipyProblem:
     inputs: Inputs = ()
 
     def __post_init__(self) -> None:
-        for place, event in enumerate(self.stated_events):
+        for index, event in enumerate(self.stated_events):
             if event.reset:
                 raise StatementError(
-                    f"event {place} has a reset, which SciPy's solvers do not know: end there with terminal=True and "
+                    f"event {index} has a reset, which SciPy's solvers do not know: end there with terminal=True and "
                     "start again from the new state, or call system.run(), which takes resets."
                 )
 
@@ -128,15 +128,15 @@ class ScipyProblem:
 
     def fun(self, t: float, y: Any) -> FloatArray:
         """Return dy/dt, (2n,), or (2n, k) for columns of states. Raises RunError where the mass matrix is singular."""
-        found = None if self.inputs else self._quick["rhs"].whole(t, y)
-        if found is not None:
-            return found
+        rates = None if self.inputs else self._quick["rhs"].whole(t, y)
+        if rates is not None:
+            return rates
         return self.model.called(self.model.kernel("rhs"), t, y, at_time(self.parameters, self.inputs, t))
 
     def jac(self, t: float, y: Any) -> FloatArray:
         """Return the Jacobian of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
-        found = None if self.inputs else self._quick["jacobian"].whole(t, y)
-        return self.model.jacobian(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
+        jacobian = None if self.inputs else self._quick["jacobian"].whole(t, y)
+        return self.model.jacobian(t, y, at_time(self.parameters, self.inputs, t)) if jacobian is None else jacobian
 
     @cached_property
     def _quick(self) -> Quick:
@@ -148,14 +148,14 @@ class ScipyProblem:
         return [ScipyEvent(self.model, event, self.parameters, self.inputs) for event in self.stated_events]
 
     def y0(self, initial: Mapping[Any, Any] | None = None, t: float = 0.0) -> FloatArray:
-        """Return an initial state (2n,) at time t: the initial state of the statement, overlaid with a dict.
+        """Return an initial state (2n,) at time t: the stated one, with the values of `initial` in place of its own.
 
         With constraints it is projected onto them if it misses them by rounding. Raises StatementError if it misses
         them by more. Velocities of coordinates without inertia are computed if they are zero.
         """
         statement, time = self.model.statement, real_number(t, "the time t")
-        found = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
-        return consistent_start(self.model, time, np.array(found), at_time(self.parameters, self.inputs, time))
+        state = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
+        return consistent_start(self.model, time, np.array(state), at_time(self.parameters, self.inputs, time))
 
     def arguments(
         self,
@@ -171,9 +171,9 @@ class ScipyProblem:
         """
         t0, t1 = time_span(t_span)
         check_span(self.model.statement, t0, t1)
-        found = {"fun": self.fun, "t_span": (t0, t1), "y0": self.y0(initial, t0), "method": method, **options}
+        arguments = {"fun": self.fun, "t_span": (t0, t1), "y0": self.y0(initial, t0), "method": method, **options}
         if method in TAKE_JACOBIAN:
-            found.setdefault("jac", self.jac)
+            arguments.setdefault("jac", self.jac)
         if self.stated_events:
-            found["events"] = self.events
-        return found
+            arguments["events"] = self.events
+        return arguments

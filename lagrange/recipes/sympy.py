@@ -54,8 +54,8 @@ DOUBLE_DIGITS = 17
 class SympyForm:
     """A quantity in plain symbols: time `t`, `q` and `v`, named x and x_dot, and the parameters `p`.
 
-    `replacements` are pairs (symbol, expression), each of which may contain the symbols before it. `results` are the
-    entries in C order, which fill `shape`: as from sympy.cse.
+    `replacements` are pairs (symbol, expression), as from sympy.cse. An expression may contain earlier symbols.
+    `results` are the entries of an array of `shape`, in C order.
     """
 
     t: Any
@@ -81,14 +81,14 @@ class SympyForm:
 
     def expanded(self) -> list[Any]:
         """Return the results without replacements; they may be very long."""
-        known: dict[Any, Any] = {}
+        expressions: dict[Any, Any] = {}
         for symbol, expression in self.replacements:
-            known[symbol] = expression.xreplace(known)
-        return [result.xreplace(known) for result in self.results]
+            expressions[symbol] = expression.xreplace(expressions)
+        return [result.xreplace(expressions) for result in self.results]
 
 
 def sympy_form(model: Model, quantity: str) -> SympyForm:
-    """Return a quantity in plain symbols; see `Model.as_sympy`."""
+    """Return a quantity in plain symbols, with a symbol for each value that is used more than once."""
     program = quantity_program(model, quantity)
     parameters = model.statement.parameters
     t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
@@ -99,7 +99,7 @@ def sympy_form(model: Model, quantity: str) -> SympyForm:
 
 
 def _numbered(taken: Sequence[Any]) -> Iterator[Any]:
-    """Return real symbols x0, x1, ... without names that are in use."""
+    """Yield real symbols x0, x1, ... whose names are not in `taken`."""
     names = [symbol.name for symbol in taken]
     return (sympy.Symbol(f"x{i}", real=True) for i in count() if f"x{i}" not in names)
 
@@ -115,7 +115,7 @@ def number(value: float) -> Any:
 
 
 class _Writer:
-    """Converts the instructions of a program to expressions; see `SympyForm`."""
+    """Converts the instructions of a program to the expressions of a `SympyForm`."""
 
     def __init__(
         self, program: Program, t: Any, state: Sequence[Any], parameters: Sequence[Any], symbols: Iterator[Any]
@@ -129,8 +129,8 @@ class _Writer:
 
     def results(self) -> list[Any]:
         """Return the outputs of the program as expressions."""
-        for i, one in enumerate(self.program.instructions):
-            self.values[i] = self.value(i, one)
+        for i, instruction in enumerate(self.program.instructions):
+            self.values[i] = self.value(i, instruction)
         return [self.values[ref] for ref in self.program.outputs]
 
     def named(self, expression: Any) -> Any:
@@ -156,8 +156,8 @@ class _Writer:
             return args[0][one.place]
         if one.op == "select" and self.program.instructions[one.args[0]].op not in CONDITIONS:
             args[0] = sympy.Ne(args[0], 0)
-        found = OPERATIONS[one.op](*args)
-        return self.named(found) if self.uses[i] > 1 and one.op not in CONDITIONS else found
+        expression = OPERATIONS[one.op](*args)
+        return self.named(expression) if self.uses[i] > 1 and one.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
         """Return L U of a symmetric matrix and the order of its rows; a pivot that is surely zero exchanges rows."""
