@@ -66,6 +66,7 @@ FAULTS: dict[str, Break] = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_a_fault_in_any_quantity_is_caught(quantity: str, fault: str) -> None:

@@ -136,7 +136,7 @@ BUILT_WRONG: dict[str, Change] = {
 }
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("fault", BUILT_WRONG)
 def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     right, change = constraint_equations, BUILT_WRONG[fault]

@@ -306,10 +306,8 @@ def test_there_are_enough_mutants() -> None:
     assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS)
 
 
-@pytest.mark.parametrize("mutant", [
-    pytest.param(mutant, id=mutant.name.replace(" ", "-"), marks=[pytest.mark.slow] * (k % 4 > 0))
-    for k, mutant in enumerate(MUTANTS)
-])  # fmt: skip
+@pytest.mark.few(18)
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name.replace(" ", "-"))
 def test_mutant_is_caught(mutant: Mutant) -> None:
     with injected(mutant):
         report = check(mutant.system().compile("numpy", check=False), points=1)

@@ -380,10 +380,6 @@ class TestRefusals:
             (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
             (1.0, 1.0, r"q has shape \(\)"),
             ([1j, 0], [0, 0], "q has entries of type complex128: give real numbers"),
-            ([sp.Symbol("a"), 0], [0, 0], "q has entries of type object: give real numbers"),
-            (["a", "b"], [0, 0], "q has entries of type <U1: give real numbers"),
-            ([0, 0], [True, False], "v has entries of type bool: give real numbers"),
-            ([None, 0], [0, 0], "q has entries of type object"),
         ],
     )
     def test_states(self, pendulums: Model, q: Any, v: Any, message: str) -> None:
@@ -406,9 +402,6 @@ class TestRefusals:
             (np.zeros(3), r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column"),
             (np.zeros((2, 1)), r"t has shape \(2, 1\)"),
             (1j, "the time t is 1j, a complex number"),
-            ("now", "the time t is 'now'"),
-            (sp.Symbol("t"), "the time t is t, an expression with symbols in it"),
-            (np.array([1j, 0]), "the time t has entries of type complex128"),
         ],
     )
     def test_times(self, pendulums: Model, t: Any, message: str) -> None:
@@ -423,10 +416,6 @@ class TestRefusals:
         ("given", "message"),
         [
             ({"mass": 1}, "'mass' is not a parameter of this system; its parameters are"),
-            ({"m": float("nan")}, "parameter m is nan: give a finite number"),
-            ({"m": 1j}, "parameter m is 1j, a complex number"),
-            ({"m": "heavy"}, r"parameter m is 'heavy' \(str\): give a number"),
-            ({"m": sp.Symbol("a")}, "parameter m is a, an expression with symbols in it"),
         ],
     )
     def test_parameters(self, pendulums: Model, given: Any, message: str) -> None:

@@ -145,6 +145,7 @@ def test_quick_calls_take_doubles_alone(model: Model, given: Any) -> None:
     assert quick.whole(0.0, STATE) is not None
 
 
+@pytest.mark.few(2)
 def test_quick_calls_outlive_their_kernel_and_count_what_they_hold(model: Model) -> None:
     """They are made of addresses: all that these point to is kept, and no result and no refusal is counted wrongly."""
     expected, bad = slow(model, "rhs"), STATE.astype(np.float32)

@@ -307,6 +307,7 @@ def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> N
         assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("name", "order", "expected"),
     [

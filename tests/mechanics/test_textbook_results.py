@@ -165,19 +165,6 @@ def test_sleeping_top() -> None:
     assert same(stiffness, (n**2 - 4 * I1 * m * g * l) / (4 * I1))
 
 
-def test_bead_on_a_hoop() -> None:
-    """Goldstein, chapter 2, exercise 18: above w^2 = g/R the bead leaves the bottom for cos = g/(R w^2)."""
-    hoop = lg.System(m * R**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) / 2, -m * g * R * cos(theta))
-    bottom, top_, side, other = hoop.equilibria()
-    assert [one.coordinates[theta] for one in (bottom, top_)] == [0, pi]
-    assert {one.coordinates[theta] for one in (side, other)} == {acos(g / (R * w**2)), -acos(g / (R * w**2))}
-    assert side.condition == sympy.Le(g / (R * w**2), 1)
-    match(squares(hoop), [g / R - w**2])
-    match(squares(hoop, side.at), [w**2 - g**2 / (R**2 * w**4) * w**2])
-    fast = hoop.substitute({w: sqrt(g / R) * 2})
-    assert [one.stable for one in fast.equilibria() if one.coordinates[theta] == 0] == [False]
-
-
 def test_foucault() -> None:
     """Landau, section 39, problem 3: the plane of a pendulum turns with w = W sin(latitude)."""
     plane = lg.System(
@@ -281,15 +268,6 @@ def test_henon_heiles() -> None:
     assert [one.stable for one in found] == [True, False, False, False]
     places = {tuple(one.coordinates.values()) for one in found[1:]}
     assert places == {(0, 1), (sqrt(3) / 2, -Rational(1, 2)), (-sqrt(3) / 2, -Rational(1, 2))}
-
-
-def test_relativistic_particle() -> None:
-    """Landau, The Classical Theory of Fields, section 9: H = sqrt(m^2 c^4 + p^2 c^2), v = p c^2/H."""
-    speed = x.dot**2 + y.dot**2 + z.dot**2
-    form = lg.System(lagrangian=-m * c**2 * sqrt(1 - speed / c**2), coordinates=[x, y, z]).hamiltonian()
-    energy = sqrt(m**2 * c**4 + c**2 * sum(p**2 for p in form.momenta.values()))
-    assert same(form.expression, energy)
-    assert same(form.equations()[0].rhs, form.momenta[x] * c**2 / energy)
 
 
 def three_bodies() -> lg.System:

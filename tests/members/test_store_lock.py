@@ -121,6 +121,7 @@ def test_a_child_of_a_killed_process_keeps_no_lock(tmp_path: Path) -> None:
         holder.communicate()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "options",
     [{"rtol": np.float32(1e-6)}, {"method": "rk4", "step": np.float32(0.1)}],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from html import unescape
 from importlib.util import find_spec
@@ -45,9 +44,6 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
         ),
         ({"thetta1": (0, 1)}, "Did you mean 'theta1'?"),
         ({"m3": (0, 1)}, "they are m1, m2, l1, l2, g, theta1, theta2, theta1_dot and theta2_dot."),
-        ({"l1": 2.0}, "the slider of l1 is 2.0: give its lower and its upper bound, such as (0.5, 2.0)."),
-        ({"l1": "ab"}, "the slider of l1 is 'ab': give its lower and its upper bound, such as (0.5, 2.0)."),
-        ({"l1": (2, 1)}, "the slider of l1 goes from 2 to 1: give the lower bound first, (1, 2)."),
         ({"l1": (1, "x")}, "a bound of the slider of l1"),
         ({}, "no slider was asked for: give bounds such as explore(m1=(0, 2)), of m1, m2,"),
         ({"l1": (0, 0)}, "the slider of l1 goes from 0 to 0, and has no room to move: give a lower and an upper bound"),
@@ -55,7 +51,6 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
         ({"l1": (0, 1, 2)}, "the slider of l1 is (0, 1, 2): give its lower and its upper bound"),
         ({"l1": ()}, "the slider of l1 is (): give its lower and its upper bound"),
         ({"l1": {0: 1, 2: 3}}, "the slider of l1 is {0: 1, 2: 3}: give its lower and its upper bound"),
-        ({"l1": (0, math.nan)}, "a bound of the slider of l1 is nan"),
     ],
 )
 def test_what_is_no_slider_is_refused(ranges: dict[str, Any], words: str) -> None:

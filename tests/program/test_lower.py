@@ -29,7 +29,7 @@ from lagrange.procedure.form import OPERATIONS as KINDS
 from lagrange.program.lower import lower
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from lagrange.program.simplify import LONGEST_PROGRAM, MOST_COMPARED_TERMS, operations, simplified
-from tests.graph.trees import SYMBOLS, Forms, evaluate, expressions, new_graph
+from tests.graph.trees import Forms, evaluate, expressions, new_graph
 
 POINT = {"m": 1.7, "x": 0.31, "y": -0.83, "u": 1.21}
 
@@ -222,10 +222,6 @@ def test_the_same_graph_lowers_to_the_same_program() -> None:
     assert build() == build()
 
 
-def test_symbols_of_the_trees_are_those_of_the_bench() -> None:
-    assert set(SYMBOLS) == set(Bench().symbols)
-
-
 def test_a_long_product_is_lowered_without_depth() -> None:
     graph = Graph()
     symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(5000)]
@@ -375,10 +371,6 @@ def test_every_operation_is_spelled_for_llvm(op: str, lanes: int) -> None:
         last = spell(e, op, KINDS[op][0][0], args, lanes)
         assert e.lines[-1].startswith(f"  {last} = ")
         assert all(arg in "".join(e.lines) for arg in args)
-
-
-def test_only_matrices_have_any_number_of_operands() -> None:
-    assert {op for op, arity in ARITY.items() if arity is None} == {"factor", "solve"}
 
 
 # --- simplify -------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ def scene_of(animation: Any) -> MovingScene:
     return scene
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["double-pendulum", "four-bar", "sun-earth-moon"])
 def test_each_frame_is_the_state_at_its_time(name: str) -> None:
     solution = lg.scene(name).run(1e6 if name == "sun-earth-moon" else 3.0)

@@ -17,7 +17,6 @@ from lagrange.show.notebook.shown_lists import EquationList
 from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
-from lagrange.system import System
 from tests.models import shared_scene
 
 m, g, l, k, c = parameters("m g l k c")
@@ -232,15 +231,6 @@ def test_a_multiplier_and_a_parameter_never_look_the_same() -> None:
 def test_a_constraint_may_have_the_name_of_a_coordinate() -> None:
     page = render(constrained("x"), "latex")
     assert r"f_x = " in page and r"2 \lambda_x x" in page
-
-
-def test_the_page_says_where_chetaevs_rule_is_used() -> None:
-    y = coordinate("y")
-    system = System(kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"speed": x.dot**2 + y.dot**2 - c})
-    assert (
-        "The constraint speed is not linear in the velocities: its force is along its derivative in the velocities "
-        "(Chetaev's rule)."
-    ) in str(system.derivation())
 
 
 def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:

@@ -66,7 +66,7 @@ def test_golden_pages(file: str) -> None:
     assert shared_scene(name).derivation().written(style) == (PAGES / file).read_text("utf-8")
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SCENES)
 def test_latex_is_well_formed(name: str) -> None:
     page = shared_scene(name).derivation().latex()
@@ -83,6 +83,7 @@ def test_latex_is_well_formed(name: str) -> None:
             parser.parse("$" + re.sub(r"\\big[lr]", "", formula) + "$")
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 @pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum", "bead-on-wire", "slider-crank"])
 def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:

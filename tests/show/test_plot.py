@@ -152,6 +152,7 @@ def test_a_thread_is_not_drawn_to_scale_but_a_straight_line_is() -> None:
     assert drawn(in_space(lambda a, b: 3 * a, lambda a, b: b)).axes[-1].get_aspect() == 1.0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("parts", "label", "ticks"),
     [((lambda a, b: a, 0.0), "x", "yticks"), ((0.0, lambda a, b: b), "y", "xticks")],

@@ -155,6 +155,7 @@ def test_the_floor_is_shaded_where_it_shows() -> None:
     assert len(made(floor=math.inf).plot().axes[0].patches) == 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("floor", [5e-21, 1e-6])
 def test_the_note_on_the_floor_is_inside_the_axes(floor: float) -> None:
     figure = made(floor=floor).plot()

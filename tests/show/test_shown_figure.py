@@ -29,6 +29,7 @@ def png_of(figure: Any) -> tuple[bytes, dict[str, int]]:
     return png, metadata
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "figure",
     [

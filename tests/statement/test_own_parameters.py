@@ -40,6 +40,7 @@ USES: dict[str, tuple[str, Callable[[Any, Callable[[str], Any]], Any]]] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("use", USES)
 def test_a_parameter_is_known_by_its_name(use: str) -> None:
     name, asked = USES[use]

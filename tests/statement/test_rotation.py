@@ -49,6 +49,7 @@ def test_rates_are_those_of_the_matrix() -> None:
             assert np.allclose(run.evaluate(R[i, j].diff(lg.t)), (run[R] @ hat)[:, i, j], rtol=0, atol=1e-12)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("turned", [(0.1, -0.7, 0.4), (3.0, 0.2, 0.1), (0, 0, np.pi)])
 def test_a_start_is_a_turn_a_matrix_or_a_quaternion(turned: Any) -> None:
     expected = Matrix.from_rotvec(turned)

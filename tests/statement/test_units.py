@@ -157,6 +157,7 @@ UNITS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("base", UNITS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_one_symbol_in_another_unit_is_refused(name: str, base: str) -> None:
@@ -208,6 +209,7 @@ EVENTS: dict[str, tuple[Any, str]] = {
 }
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", EVENTS)
 def test_events_are_checked(name: str) -> None:
     wire = lg.System(

@@ -157,6 +157,7 @@ def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found.t_events[0]) == 5
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 300 bounces all but the first few are done in machine code, and the output between them is right."""
@@ -210,6 +211,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
                     assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dop853", "rk4", "tsit5", "gauss2"])
 @pytest.mark.parametrize("direction", [0, 1, -1])
 @pytest.mark.parametrize("level", [0, 1, -1, 3])
@@ -271,6 +273,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
     return calls
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("tolerance", [0.02, 3e-3, 8e-4, 1e-4, 1e-6])
 def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     tolerance: float, monkeypatch: pytest.MonkeyPatch

@@ -229,6 +229,7 @@ def test_coordinates_without_inertia_are_refused_by_name(method: str) -> None:
     assert found.y[:2, -1] == pytest.approx(turn @ [1.0, 0.3], abs=1e-8)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_redundant_constraints_that_are_allowed_change_nothing(method: str) -> None:
     stated = SYSTEMS["spherical"]()

@@ -30,6 +30,7 @@ def run(end: float, *events: lg.Event, **options: Any) -> lg.Solution:
     return pendulum.run(end, events=events, **options)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_reset_of_a_position_off_the_constraint_ends_the_run(method: str, options: dict[str, Any]) -> None:
     found = run(3.0, lg.event(x, direction=-1, reset={y: -0.9}), method=method, **options)
@@ -41,6 +42,7 @@ def test_a_reset_of_a_position_off_the_constraint_ends_the_run(method: str, opti
     assert "An impact changes velocities alone" in found.message
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_reset_of_one_velocity_of_two_ends_the_run(method: str, options: dict[str, Any]) -> None:
     found = run(3.0, lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot}), method=method, **options)

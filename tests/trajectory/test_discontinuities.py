@@ -102,6 +102,7 @@ def test_a_reset_to_the_other_side_is_no_way_over_a_corner() -> None:
     assert run.status is lg.Status.SUCCESS and run[x][-1] == pytest.approx(-2.5)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5", "gauss2", "bdf2"])
 def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> None:
     """The speed is 1 - t: from rest every direction is as good."""
@@ -115,6 +116,7 @@ def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> 
     assert turned.status is lg.Status.SUCCESS, turned.message
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used_up(method: str) -> None:
     rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)

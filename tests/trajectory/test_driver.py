@@ -329,17 +329,6 @@ def test_the_result_is_the_callers_own() -> None:
     assert (flow(START.astype(object).astype(float)[::1], np.float64(0), float(np.int64(1))) == kept).all()
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_threads_share_a_flow(target: str) -> None:
-    flow = flow_of(model("Henon-Heiles", target))
-    states = [START * (1 + 0.05 * i) for i in range(12)]
-    expected = [flow(state, 0.0, 2.0) for state in states]
-    with ThreadPoolExecutor(6) as pool:
-        for _ in range(3):
-            found = list(pool.map(lambda state: flow(state, 0.0, 2.0), states))
-            assert all((a == b).all() for a, b in zip(found, expected, strict=True))
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
 def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:

@@ -75,6 +75,7 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
     assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 def test_constraints_hold_to_round_off_at_a_loose_tolerance(name: str) -> None:
     """By the projection of every step: Newton's method leaves a part of the tolerance."""

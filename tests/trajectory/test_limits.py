@@ -60,7 +60,7 @@ def test_what_a_solver_keeps_of_a_step_counts_too(model: Model) -> None:
     assert 4 * other.steps < own.steps
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name", ["scipy-rk45", "scipy-rk23", "scipy-dop853", "scipy-radau", "scipy-bdf", "scipy-lsoda"]
 )

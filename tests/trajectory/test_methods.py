@@ -104,6 +104,7 @@ FLOOR = 3e-11
 """Errors below this are left out: round-off, some 1e-14, would move a measured order by a tenth where they double."""
 
 
+@pytest.mark.few(7)
 @pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order <= 4])
 def test_the_observed_order_is_the_claimed_one(name: str) -> None:
     """On two non-linear systems, by the four runs with the smallest errors above round-off.

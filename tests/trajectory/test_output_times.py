@@ -397,6 +397,7 @@ def off(method: Any) -> float:
     return abs(measured_order(method, system, end) - claimed)
 
 
+@pytest.mark.few(14)
 @pytest.mark.parametrize("name", CLAIMED)
 def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
     """Neither less nor more: measured orders are within 0.17 of what is claimed."""

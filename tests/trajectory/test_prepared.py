@@ -213,6 +213,7 @@ def often(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("method", "constrained"), [("taylor", False), ("taylor", True), ("radau5", False), ("scipy-lsoda", True)]
 )

@@ -85,6 +85,7 @@ def test_the_history_of_lsoda_is_its_path(monkeypatch: pytest.MonkeyPatch, *, kn
     np.testing.assert_allclose(path, by_hand.sol(np.linspace(0.0, 8.0, 500)), rtol=0, atol=1e-11)
 
 
+@pytest.mark.few(2)
 def test_no_warning_leaks(method: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

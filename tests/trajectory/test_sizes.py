@@ -102,6 +102,7 @@ def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
     assert steps(model, 20.0, method) <= 1.1 * steps(model, 20.0, method, atol=1e-9)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_a_push_on_what_is_at_rest_is_met(method: str) -> None:
     push = sp.Piecewise((1, t > 5), (0, True))

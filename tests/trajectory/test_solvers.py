@@ -51,6 +51,7 @@ def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -
     np.testing.assert_allclose(run.dense(run.t), run.y, atol=1e-12)
 
 
+@pytest.mark.few
 def test_a_stiff_oscillator_ends_in_time_where_the_method_is_for_it(method: Any) -> None:
     def van_der_pol(t: float, x: float, v: float) -> float:
         return 1e5 * (1 - x * x) * v - x
@@ -102,6 +103,7 @@ def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: Any) -> 
     assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
 
 
+@pytest.mark.few
 def test_progress_is_told_the_time_reached(method: Any) -> None:
     times: list[float] = []
 

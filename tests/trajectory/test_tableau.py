@@ -358,7 +358,7 @@ EACH = [
 ]
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "law"), EACH)
 def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> None:
     """Methods of slopes get Hamilton's equations, where kinetic energy and potential need not separate."""
@@ -370,11 +370,13 @@ def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> No
         assert error > 1e-6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [name for name in SOLVED if find(name).claims.symplectic and name not in MOMENTA])
 def test_in_velocities_a_method_of_slopes_is_not_symplectic_where_the_mass_matrix_moves(name: str) -> None:
     assert defect(name, DOUBLE_PENDULUM, lagrange=True) > 1e-6
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
     law = DOUBLE_PENDULUM if name in MOMENTA else HENON_HEILES
@@ -388,6 +390,7 @@ def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
         assert error > 1e-12
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_what_is_symplectic_conserves_angular_momentum(name: str) -> None:
     """Noether's theorem for steps: an action that rotations leave alone; Marsden and West, 2001, section 1.3.3."""
@@ -405,6 +408,7 @@ def moment(y: Any) -> Any:
     return y[0] * y[3] - y[1] * y[2]
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_what_claims_to_conserve_energy_does_so_in_a_step(name: str) -> None:
     """The energy of Henon and Heiles is a cubic, on which the quadrature of a mean gradient is exact."""
