@@ -136,13 +136,13 @@ def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
 
 def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[tuple[str, str]]:
     """Return the line with the parameters set by events: the first changes, and the number of the others."""
-    told = [
+    changed = [
         f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
         for t, values in changes[:MOST_CHANGES]
     ]
     left = len(changes) - MOST_CHANGES
     more = [f"{counted(left, 'later change')}"] if left > 0 else []
-    return [("parameters", listing(told + more))] if told else []
+    return [("parameters", listing(changed + more))] if changed else []
 
 
 def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:

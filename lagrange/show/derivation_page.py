@@ -129,12 +129,12 @@ class TextPage(Page):
         """Return the lines of a row; continuation lines are indented once more."""
         if isinstance(row, str):
             return [plain_text(row)]
-        found: list[str] = []
+        lines: list[str] = []
         for line in self.lines.formula(row):
             start = f"{line.left} = " if line.left else INDENT if line.goes_on else ""
             first, *below = line.right.split("\n")
-            found += [start + first, *(" " * width(start) + text for text in below)]
-        return found
+            lines += [start + first, *(" " * width(start) + text for text in below)]
+        return lines
 
 
 class UnicodePage(TextPage):
@@ -203,8 +203,8 @@ class LatexPage(Page):
             if spoken:
                 yield from map(self.row, part)
             for group in self.lines.beside([row for row in part if isinstance(row, Formula)]):
-                beside = ", \\qquad ".join(map(self.formula, group))
-                yield self.row(group[0]) if len(group) == 1 else f"\\[ {beside} \\]"
+                joined = ", \\qquad ".join(map(self.formula, group))
+                yield self.row(group[0]) if len(group) == 1 else f"\\[ {joined} \\]"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
         """Return a sentence in LaTeX, with its symbols as formulas.
@@ -267,10 +267,10 @@ class HtmlPage(Page):
         """Return a complete page that loads no other file."""
         title = escape(plain_text(self.title))
         above = (self.above.author, self.above.date, self.above.problem)
-        told = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
+        paragraphs = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{told}{self.body(sections)}"
+            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{paragraphs}{self.body(sections)}"
             "</body>\n</html>\n"
         )
 

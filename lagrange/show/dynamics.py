@@ -53,7 +53,7 @@ ORBIT_STEPS = 20_000
 """Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
 
 _MOST_PLACES = 8
-"""Most equilibria and branches that a card lists."""
+"""Largest number of equilibria or branches that a card lists."""
 
 
 class Drawn(ABC):
@@ -103,7 +103,7 @@ class PhasePortrait(Drawn, PortraitData):
         return plot_portrait(self, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
-        held = listing(f"{name} = {value:g}" for name, value in self.held.items())
+        fixed = listing(f"{name} = {value:g}" for name, value in self.held.items())
         places = [
             (
                 place.kind,
@@ -113,7 +113,7 @@ class PhasePortrait(Drawn, PortraitData):
         ]
         return [
             ("plane", listing(f"{one.name} {one.low:.4g} to {one.high:.4g}" for one in self.plane)),
-            *([("held", held)] if self.held else []),
+            *([("held", fixed)] if self.held else []),
             *places,
             ("separatrices", str(len(self.separatrices))),
             ("orbits", f"{len(self.orbits)}, {sum(one.closed for one in self.orbits)} closed"),
@@ -204,7 +204,7 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return a record of data as its subclass with a picture."""
+    """Return the record `data` as `kind`, a subclass that can draw itself."""
     base = next((base for base in kind.__mro__ if type(data) is base), None)
     if base is None:
         raise StatementError(f"a {kind.__name__} is made of what was computed, not of {shown(data)}.")
@@ -344,9 +344,9 @@ def bifurcation(
     chosen = values_of(values, name)
     count, dropped = point_counts(points, skip, "points", 2)
     followed = flag(follow, "follow")
-    place = [p.name for p in model.statement.parameters].index(name)
+    index = [p.name for p in model.statement.parameters].index(name)
     for value in chosen.tolist():
-        with_value(runs, place, value)  # refuse an invalid value of the parameter before the first run
+        with_value(runs, index, value)  # refuse an invalid value of the parameter before the first run
     if section is None and not depends_on_time(model.statement):
         if starts is not None:
             raise StatementError(

@@ -138,16 +138,16 @@ class Ensemble:
         A name such as theta_end is the final state, even with t_eval; ("max", theta) is the quantity kept by that pair.
         """
         label = self.label(key)
-        found: FloatArray
+        values: FloatArray
         if label in self.names:
-            found = self.y[self.names.index(label)]
+            values = self.y[self.names.index(label)]
         elif label in self.table.labels:
-            found = self.given(label)
+            values = self.given(label)
         elif (row := end_row(label, self.names)) is not None:
-            found = self._kept(STATE, END)[:, row]
+            values = self._kept(STATE, END)[:, row]
         else:
-            found = self.results.column(label)
-        return found
+            values = self.results.column(label)
+        return values
 
     def label(self, key: Any) -> str:
         """Return the key as a name: of a row of `y`, a varied or a kept quantity.
@@ -156,24 +156,24 @@ class Ensemble:
         """
         label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
         others = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
-        known = dict.fromkeys([*self.names, *self.table.labels, *others])
-        if not isinstance(key, str) and f"{label} 2" in known:
-            alike = [name for name in known if name.startswith(label)]
+        labels = dict.fromkeys([*self.names, *self.table.labels, *others])
+        if not isinstance(key, str) and f"{label} 2" in labels:
+            alike = [name for name in labels if name.startswith(label)]
             raise StatementError(f"several expressions are written {label}: give one of the names {listing(alike)}.")
-        if label not in known and (row := end_row(label, self.names)) is not None:
+        if label not in labels and (row := end_row(label, self.names)) is not None:
             return self.names[row] if self.problem.t_eval is None else label
-        if label not in known:
+        if label not in labels:
             if entry := entry_for(label):
                 raise StatementError(f'{label[:80]} was not kept: add {entry} to keep, as in keep=("end", {entry}).')
             raise StatementError(
                 f"{label[:80]!r} is not a coordinate, a velocity or a quantity that varies or was kept; these are "
-                f"{listing(known)}.{suggestion(label[:80], known)}"
+                f"{listing(labels)}.{suggestion(label[:80], labels)}"
             )
         return label
 
     def _kept(self, column: str, name: str) -> Any:
         """Return a column of kept quantities by name. Raises StatementError if it was not kept."""
-        if all(one.name != column for one in self.columns):
+        if all(kept.name != column for kept in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
 
@@ -245,8 +245,8 @@ class Ensemble:
                 elif rows.ndim == 1:
                     columns[name] = rows
                 else:
-                    for place in np.ndindex(rows.shape[1:]):
-                        columns["".join([name, *(f"[{k}]" for k in place)])] = rows[(slice(None), *place)]
+                    for index in np.ndindex(rows.shape[1:]):
+                        columns["".join([name, *(f"[{k}]" for k in index)])] = rows[(slice(None), *index)]
         return write_atomically(path, lambda file: write_rows(file, [*columns], [c.tolist() for c in columns.values()]))
 
     def _repr_html_(self) -> str:
@@ -303,9 +303,9 @@ class Ensemble:
         """Return the names of the variables of a column; a column of states has one for each entry."""
         if column.name not in (STATE, OUTPUTS):
             return [column.name]
-        apart = column.name == STATE and self.problem.t_eval is not None
+        suffixed = column.name == STATE and self.problem.t_eval is not None
         taken = () if column.name == OUTPUTS else self.table.labels
-        return [f"{name}_end" if apart or name in taken else name for name in self.names]
+        return [f"{name}_end" if suffixed or name in taken else name for name in self.names]
 
     def __repr__(self) -> str:
         """Return the card of the ensemble."""
@@ -340,8 +340,8 @@ class Ensemble:
 class Messages(Mapping[int, str]):
     """Messages of members that did not succeed, by number. Most are computed at first use, by running the member alone.
 
-    If the member alone ends at another time, compared to six digits, the message describes the state of the ensemble:
-    rounding differs in lanes.
+    Rounding may differ when a member runs alone. If it then ends at another time, to six digits, the message is made
+    from the final state in the ensemble.
     """
 
     ensemble: Ensemble

@@ -57,8 +57,8 @@ def plot(race: Race, style: Any = "light") -> Figure:
     axis = figure.add_subplot()
     axis.set_xscale("log")
     axis.set_yscale("log")
-    for (name, entries), own in zip(drawn.items(), line_styles(len(drawn), look), strict=True):
-        _draw(axis, f"{name}\n{_settings(entries)}" if columns == 1 else name, entries, own, look)
+    for (name, entries), line_style in zip(drawn.items(), line_styles(len(drawn), look), strict=True):
+        _draw(axis, f"{name}\n{_settings(entries)}" if columns == 1 else name, entries, line_style, look)
     _mark_limits(axis, race, look)
     _dress(axis, race, look)
     axis.legend(
@@ -110,9 +110,9 @@ def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: F
 def _settings(entries: list[Entry]) -> str:
     """Return the coarsest and the finest setting as text, such as tol = 1e-3 to 1e-9."""
     sizes = [entry.setting for entry in entries]
-    what = "tol" if entries[0].adaptive else "h"
+    letter = "tol" if entries[0].adaptive else "h"
     ends = dict.fromkeys(_short(size) for size in (max(sizes), min(sizes)))
-    return f"{what} = {' to '.join(ends)}"
+    return f"{letter} = {' to '.join(ends)}"
 
 
 def _short(size: float) -> str:

@@ -47,10 +47,10 @@ def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
     Without dense output the coordinates between two outputs are polynomials of degree 5 through the coordinates,
     velocities and accelerations of both. Raises StatementError if the outputs are too far apart for that.
     """
-    known = known_alone(solution.trajectory)
-    if known is None or np.isin(t, known.times).all():
+    known_states = known_alone(solution.trajectory)
+    if known_states is None or np.isin(t, known_states.times).all():
         return solution.at(t)
-    between = _Between(solution, known)
+    between = _Between(solution, known_states)
     between.test()
     states, _ = between(t)
     return states
@@ -78,9 +78,9 @@ class _Between:
         a0, a1 = self.rates[self.n :, k] * h * h / 2, self.rates[self.n :, k + 1] * h * h / 2
         q, v, a = q1 - q0 - v0 - a0, v1 - v0 - 2 * a0, a1 - a0
         c3, c4, c5 = 10 * q - 4 * v + a, -15 * q + 7 * v - 2 * a, 6 * q - 3 * v + a
-        place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))))
+        position = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))))
         speed = (v0 + s * (2 * a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
-        return np.vstack([place, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
+        return np.vstack([position, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
 
     def test(self) -> None:
         """Raise StatementError if a polynomial violates the equations of motion.
@@ -95,9 +95,9 @@ class _Between:
         change = np.abs(np.diff(self.y[: self.n])).max(axis=1, keepdims=True)
         wrong = ~(error <= LARGEST_ERROR * change + STATE_NOISE * np.abs(self.y).max())
         if wrong.any():
-            place = apart[int(wrong.any(axis=0).argmax())]
+            index = apart[int(wrong.any(axis=0).argmax())]
             raise StatementError(
-                f"the states at t = {self.t[place]:.6g} and {self.t[place + 1]:.6g} are too far apart for a moving "
+                f"the states at t = {self.t[index]:.6g} and {self.t[index + 1]:.6g} are too far apart for a moving "
                 "picture, and the file has none between. Run the system "
                 "again, or write a run with more outputs."
             )

@@ -23,8 +23,8 @@ def unit_of(statement: Statement, name: str) -> str:
         return _unit(statement, statement.dimensions.get(parameter))
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     base = name.removesuffix("_dot")
-    found = _unit(statement, statement.dimensions.get(by_name.get(base, t)) if base in by_name else None)
-    return f"{found}/{unit_of(statement, 't')}" if found and base != name else found
+    unit = _unit(statement, statement.dimensions.get(by_name.get(base, t)) if base in by_name else None)
+    return f"{unit}/{unit_of(statement, 't')}" if unit and base != name else unit
 
 
 def length_unit(statement: Statement) -> str:
@@ -40,8 +40,8 @@ def energy_unit(statement: Statement) -> str:
     mass, length, time = _unit(statement, named("mass")), length_unit(statement), unit_of(statement, "t")
     if stated or not (mass and length):
         return stated
-    made = read_dimension(f"{mass}*{length}**2/{time}**2", "the unit of energy")
-    return "J" if made.fits(named("joule")) else f"{mass}·{length}²/{time}²"
+    product = read_dimension(f"{mass}*{length}**2/{time}**2", "the unit of energy")
+    return "J" if product.fits(named("joule")) else f"{mass}·{length}²/{time}²"
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:

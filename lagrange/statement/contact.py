@@ -178,10 +178,10 @@ def _check(stated: Contact, survey: Survey) -> None:
     leaves = Survey()
     leaves.add(stated.gap, what)
     if not leaves.coordinates or leaves.velocities:
-        found = "contains a velocity" if leaves.velocities else "contains no coordinate"
+        reason = "contains a velocity" if leaves.velocities else "contains no coordinate"
         raise StatementError(
-            f"{what} is {formula(stated.gap, 60)}, which {found}: give the distance of the surfaces in coordinates and "
-            "t, such as y - R."
+            f"{what} is {formula(stated.gap, 60)}, which {reason}: give the distance of the surfaces in coordinates "
+            "and t, such as y - R."
         )
     for component in stated.slip:
         _check_slip(component, f"the slip of the contact {stated.name!r}")

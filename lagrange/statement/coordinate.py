@@ -52,8 +52,8 @@ class DeclaredOrder:
             first = min((self._latest[name] for name in names if name in self._latest), default=0)
             calls = [call for number, call in self.calls.items() if number >= first]
         order = dict.fromkeys(name for call in calls for name in call if name in names)
-        places = {name: place for place, name in enumerate(order)}
-        return [leaf for _, leaf in sorted(pairs, key=lambda pair: places.get(pair[0], len(places)))]
+        ranks = {name: rank for rank, name in enumerate(order)}
+        return [leaf for _, leaf in sorted(pairs, key=lambda pair: ranks.get(pair[0], len(ranks)))]
 
 
 COORDINATES, PARAMETERS = DeclaredOrder(), DeclaredOrder()

@@ -165,7 +165,7 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
 
 
 def _parameters(given: Any, survey: Survey, taken: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[Any, Any]]:
-    """Return the fields of `Statement` on parameters, and the symbol that stands for each other one of its name."""
+    """Return the fields of `Statement` on parameters, and {duplicate: parameter} for symbols of the same name."""
     values = table_of(given, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken, **{name_of(f): f for f in survey.given}})
     defaults = MappingProxyType(default_values(values, symbols))
@@ -379,10 +379,10 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
 
 def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
     """Return Rayleigh's dissipation function D. Raise StatementError for a D without velocities: it has no force."""
-    dissipation, own = expression(given, "the dissipation"), Survey()
-    own.add(dissipation, "the dissipation")
+    dissipation, leaves = expression(given, "the dissipation"), Survey()
+    leaves.add(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
-    if dissipation != 0 and not own.velocities:
+    if dissipation != 0 and not leaves.velocities:
         raise StatementError(
             f"the dissipation is {formula(dissipation, 60)}, without a velocity, and its force -dD/d(velocity) is "
             f"zero: state it with velocities, as in c*{next(iter(by_name))}.dot**2/2, or add it to the potential "
@@ -443,8 +443,8 @@ def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: S
         surfaces[name] = tuple(expression(entry, what) for entry in point)
         leaves = Survey()
         for entry in surfaces[name]:
-            for place in (leaves, survey):
-                place.add(entry.xreplace({along: sympy.S.Half}), what)
+            for target in (leaves, survey):
+                target.add(entry.xreplace({along: sympy.S.Half}), what)
         if leaves.coordinates or leaves.velocities:
             raise StatementError(
                 f"{what} contains {listing(map(name_of, leaves.coordinates))}: give it in lg.along, parameters and t, "
@@ -457,11 +457,11 @@ def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: S
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
     known = [ORIGIN, *points]
-    given = entries(links, "links")
-    if given is None:
+    pairs = entries(links, "links")
+    if pairs is None:
         raise StatementError(f"links is {shown(links)}: give a list of pairs of point names.")
     checked = []
-    for link in given:
+    for link in pairs:
         if not _has_length(link, 2, 3):
             raise StatementError(
                 f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "

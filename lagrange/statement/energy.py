@@ -63,8 +63,8 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     for other types, such as a text.
     """
     point = vector(position, "the position")
-    for place in point:
-        _check_place(in_full(place))
+    for entry in point:
+        _check_place(in_full(entry))
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
@@ -100,7 +100,7 @@ def _check_place(place: Any) -> None:
 
 
 TAKEN = "kinetic_energy takes a place, and rotational_energy a rate."
-"""End of a message on an argument of the other function."""
+"""End of the message for an argument that belongs to the other of the two functions."""
 
 
 def _dotted(rate: Any) -> str:
@@ -128,7 +128,7 @@ def _check_rate(rate: Any, what: str) -> None:
         bare = _without_functions(term)
         angles = [q for q in bare.atoms(AppliedUndef) if motion_of(q) is None]
         inside = [q for q in term.atoms(AppliedUndef) if motion_of(q) is None]
-        part, told = ("is", rate) if alone else ("has the term", term)
+        part, shown_part = ("is", rate) if alone else ("has the term", term)
         for high in term.atoms(sympy.Derivative):
             if high.derivative_count > 1 and motion_of(high.expr) is None:
                 raise _no_rate(what, "contains", high, "an acceleration", f"such as {name_of(high.expr)}.dot")
@@ -136,9 +136,9 @@ def _check_rate(rate: Any, what: str) -> None:
             continue
         example = f"such as {min(map(name_of, angles or inside))}.dot"
         if angles and (alone or _is_ratio(term.subs(dict.fromkeys(angles, 1)))):
-            raise _no_rate(what, part, told, "an angle", example)
+            raise _no_rate(what, part, shown_part, "an angle", example)
         if not angles and ((bare.is_Integer and abs(bare) == 1) or (bare.free_symbols and _is_ratio(bare))):
-            raise _no_rate(what, part, told, "a number without a rate", example)
+            raise _no_rate(what, part, shown_part, "a number without a rate", example)
 
 
 def _without_functions(term: Any) -> Any:

@@ -147,7 +147,7 @@ def _value(value: Any) -> Any:
 def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
     """Return the events of a run, checked against a statement; a bare expression is an event of either direction.
 
-    `constant` names the kind of run whose parameters are constant: its events may not set any. Empty: they may.
+    `constant` names a kind of run whose events may not set parameters; with an empty text they may.
     """
     if events is None:
         return ()
@@ -159,18 +159,18 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
         raise StatementError(f"events is {shown(events)}: give a list of expressions, or of lg.event(...).")
     stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
     checked = tuple(_in_own_parameters(_with_gaps(e, statement), statement.parameters) for e in stated)
-    for place, e in enumerate(checked):
-        survey = _check(e.expression, f"event {place}", statement, motion=True)
+    for index, e in enumerate(checked):
+        survey = _check(e.expression, f"event {index}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
             raise StatementError(
-                f"event {place} is {formula(e.expression, 80)}, which stays as it is along a run: give an expression "
+                f"event {index} is {formula(e.expression, 80)}, which stays as it is along a run: give an expression "
                 "in coordinates, velocities and t that becomes zero on the way."
             )
-        _check_resets(place, e, statement)
+        _check_resets(index, e, statement)
         if constant and e.settings:
             name = next(iter(e.settings)).name
             raise StatementError(
-                f"the reset of event {place} sets the parameter {name}, and {constant} has constant parameters: leave "
+                f"the reset of event {index} sets the parameter {name}, and {constant} has constant parameters: leave "
                 f"{name} out of the reset, or call system.run(), whose events set parameters."
             )
     return checked
@@ -246,8 +246,8 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
     With `motion` it may contain accelerations and multipliers.
     """
     survey = _surveyed(expression, what, motion=motion)
-    known = (*statement.coordinates, *statement.given, *statement.parameters)
+    declared = (*statement.coordinates, *statement.given, *statement.parameters)
     parameters = listing(p.name for p in statement.parameters) or "no parameters"
-    survey.require(known, what, f"; it may contain its coordinates, their velocities, t and {parameters}.")
+    survey.require(declared, what, f"; it may contain its coordinates, their velocities, t and {parameters}.")
     check_multipliers(survey.multipliers, what, statement.multiplier_names, statement.name)
     return survey

@@ -105,8 +105,8 @@ def is_shorthand(value: Any) -> bool:
 def in_full(expression: Any) -> Any:
     """Return an expression with each shorthand replaced by its expression, also inside derivatives."""
     functions = expression.atoms(AppliedUndef)
-    known = {f: getattr(f.func, SHORTHAND) for f in functions if is_shorthand(f)}
-    return _differentiated(expression.xreplace(known)) if known else expression
+    replacements = {f: getattr(f.func, SHORTHAND) for f in functions if is_shorthand(f)}
+    return _differentiated(expression.xreplace(replacements)) if replacements else expression
 
 
 def _differentiated(expression: Any) -> Any:
@@ -183,11 +183,11 @@ def without_modulo(expression: Any) -> Any:
     """Return the expression with every Mod, such as x % 2, replaced by `modulo`."""
     if not expression.has(sympy.Mod):
         return expression
-    known: dict[Any, Any] = {}
+    replacements: dict[Any, Any] = {}
     # Inner ones first: the outer ones contain them.
     for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
-        known[part] = modulo(*(argument.xreplace(known) for argument in part.args))
-    return _differentiated(expression.xreplace(known))
+        replacements[part] = modulo(*(argument.xreplace(replacements) for argument in part.args))
+    return _differentiated(expression.xreplace(replacements))
 
 
 _PARTS = (sympy.re, sympy.im, sympy.conjugate)
@@ -202,10 +202,10 @@ def real(expression: Any) -> Any:
     if not expression.has(*_PARTS):
         return expression
     parts = sorted(expression.atoms(*_PARTS), key=lambda part: (sympy.count_ops(part), str(part)))
-    known: dict[Any, Any] = {}
+    replacements: dict[Any, Any] = {}
     for part in parts:  # inner ones first: the outer ones contain them
-        known[part.xreplace(known)] = known[part] = _real_part(part.xreplace(known))
-    replaced = expression.xreplace(known)
+        replacements[part.xreplace(replacements)] = replacements[part] = _real_part(part.xreplace(replacements))
+    replaced = expression.xreplace(replacements)
     return replaced.replace(
         lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
         lambda node: node.doit(deep=False),

@@ -40,7 +40,7 @@ def stating(name: Any) -> AbstractContextManager[None]:
 
 
 _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
-"""True while work is announced, or is not to be: parts of it are not announced themselves."""
+"""True inside a block whose display shows the work, or that suppresses it. Inner blocks then show nothing."""
 
 
 @contextmanager

@@ -152,9 +152,9 @@ def rotation(name: str) -> Rotation:
     `R[i, j]` an entry. A System contains it through the four coordinates of its quaternion, such as R_w. Raises
     StatementError for a name that is not an identifier.
     """
-    made = rotation_of(check_name(name, "rotation"))
-    COORDINATES.declare(tuple(map(name_of, made.quaternion)))
-    return made
+    result = rotation_of(check_name(name, "rotation"))
+    COORDINATES.declare(tuple(map(name_of, result.quaternion)))
+    return result
 
 
 rotation_of = cache(Rotation)
@@ -175,8 +175,8 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     body, or about the axes of space if others of these are given. Raises StatementError for a start that is not a
     rotation, for rates about both, and for a rotation given both whole and by entries of its quaternion.
     """
-    known = _names_of(tuple(values))
-    plain, rates = _on_rates({known.get(key, key): value for key, value in given.items()}, values, table)
+    names = _names_of(tuple(values))
+    plain, rates = _on_rates({names.get(key, key): value for key, value in given.items()}, values, table)
     by_entry = {key if isinstance(key, str) else row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
     for each in starts:
@@ -231,11 +231,11 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
     """Set rates of rotations in states (m, 2n); `values` (m,) are those of rates such as R.body[2]."""
     for each in _rotations_of(coordinates) if values else ():
         rows = np.array([coordinates.index(q) for q in each.quaternion])
-        for rates, known in ((each.body, body_rates), (each.space, space_rates)):
+        for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):
             if values.keys().isdisjoint(rates):
                 continue
             q, v = [*states[:, rows].T], [*states[:, rows + len(coordinates)].T]
-            w = [values.get(rate, old) for rate, old in zip(rates, known(q, v), strict=True)]
+            w = [values.get(rate, old) for rate, old in zip(rates, rates_of(q, v), strict=True)]
             moved = velocities_at(q, w, space=rates is each.space)
             states[:, rows + len(coordinates)] = np.transpose(moved)
 
@@ -363,9 +363,9 @@ TORQUES = "forces", "the torque on "
 def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
     """Return a table of forces with generalized forces in place of the torques of rotations.
 
-    Torques are on rates, about the axes of the body or of space; see `_on_rates`. The generalized force on an entry of
-    the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry. Raises
-    StatementError for another number of torques, and for {R: ...}, which does not name axes.
+    Torques are given for rates about the axes of the body, R.body, or of space, R.space. The generalized force on an
+    entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
+    Raises StatementError for another number of torques, and for {R: ...}, which does not name axes.
     """
     if not isinstance(forces, Mapping):
         return forces
@@ -396,13 +396,13 @@ def reading(
     typed. Returns None if they contain an entry of a quaternion.
     """
     turned = list(map(rotation_of, names))
-    known: dict[Any, Any] = {}
+    replacements: dict[Any, Any] = {}
     for each in turned:
         moved = each.matrix * cross_matrix(each.body)
-        known |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
+        replacements |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
     quaternions = {q for each in turned for q in each.quaternion}
-    places = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
-    table = dict.fromkeys(places, sympy.S.Zero)
+    positions = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
+    table = dict.fromkeys(positions, sympy.S.Zero)
     plain, torques = _on_rates(forces or {}, coordinates, *TORQUES)
     for key, value in plain.items():
         table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
@@ -411,21 +411,21 @@ def reading(
         table |= dict(zip(each.turns, each.T * space + body, strict=True))
     if not quaternions.isdisjoint(table):
         return None
-    kinetic, *rest = (energy.xreplace(known) for energy in energies.values())
+    kinetic, *rest = (energy.xreplace(replacements) for energy in energies.values())
     potential = rest[0] if rest else sympy.S.Zero
-    drag = as_typed(dissipation, "the dissipation").xreplace(known)
-    applied = tuple(force.xreplace(known) for force in table.values())
-    held = tuple(zero.xreplace(known) for zero in zeros)
-    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied, *held)):
+    drag = as_typed(dissipation, "the dissipation").xreplace(replacements)
+    applied = tuple(force.xreplace(replacements) for force in table.values())
+    zeros_in_turns = tuple(zero.xreplace(replacements) for zero in zeros)
+    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied, *zeros_in_turns)):
         return None
     return {
         "kinetic": kinetic,
         "potential": potential,
         "lagrangian": kinetic - potential,
-        "coordinates": tuple(places),
+        "coordinates": tuple(positions),
         "dissipation": drag,
         "forces": applied,
-        "constraints": held,
+        "constraints": zeros_in_turns,
         "entries": tuple(tuple(each.matrix) for each in turned),
     }
 
@@ -451,7 +451,7 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
     The columns of rotations are orthogonal and of length one, if that makes it shorter.
     """
-    rotations, known = list(map(rotation_of, names)), {}
+    rotations, replacements = list(map(rotation_of, names)), {}
     formula = formula.xreplace(
         {rate: turned for each in rotations for rate, turned in zip(each.space, each.matrix * each.body, strict=True)}
     )
@@ -459,8 +459,8 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
         for i in range(3):
             for j in range(i, 3):
                 (a, b, c), (d, e, f) = each.matrix[:, i], each.matrix[:, j]
-                known[c * f] = sympy.Integer(i == j) - a * d - b * e
-    other = sympy.expand(sympy.expand(formula).subs(known))
+                replacements[c * f] = sympy.Integer(i == j) - a * d - b * e
+    other = sympy.expand(sympy.expand(formula).subs(replacements))
     return other if other.count_ops() < formula.count_ops() else formula
 
 
@@ -481,14 +481,14 @@ def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[
 
     `values` are those of the start by coordinate and velocity.
     """
-    known = dict(values)
+    start = dict(values)
     for each in map(rotation_of, names):
         velocities = [values[velocity_of(entry)] for entry in each.quaternion]
         rates = body_rates([values[entry] for entry in each.quaternion], velocities)
-        known |= dict.fromkeys(each.turns, 0.0)
-        known |= {velocity_of(turn): rate for turn, rate in zip(each.turns, rates, strict=True)}
+        start |= dict.fromkeys(each.turns, 0.0)
+        start |= {velocity_of(turn): rate for turn, rate in zip(each.turns, rates, strict=True)}
     places = tuple(places)
-    return tuple(known[symbol] for symbol in (*places, *map(velocity_of, places)))
+    return tuple(start[symbol] for symbol in (*places, *map(velocity_of, places)))
 
 
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
@@ -529,11 +529,11 @@ def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[A
 
     Other coordinates are one, and all velocities zero. If the body is not `still`, its velocities are symbols instead.
     """
-    here = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
-    others = [f for f in kinetic.atoms(AppliedUndef) if f not in here and f.args == (t,)]
+    identity = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
+    others = [f for f in kinetic.atoms(AppliedUndef) if f not in identity and f.args == (t,)]
     rates = {velocity_of(q): sympy.Dummy(real=True) for q in each.quaternion}
     resting = {velocity_of(f): sympy.S.Zero for f in others}
-    energy = kinetic.xreplace({**here, **dict.fromkeys(others, sympy.S.One), **resting, **rates})
+    energy = kinetic.xreplace({**identity, **dict.fromkeys(others, sympy.S.One), **resting, **rates})
     rest = dict.fromkeys(rates.values(), sympy.S.Zero) if still else {}
     return [[sympy.diff(energy, a, b).xreplace(rest) for b in rates.values()] for a in rates.values()]
 
@@ -556,7 +556,7 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
-    `values` are those of parameters. An inertia that contains anything else is not judged; see `inertia_in_parameters`.
+    `values` are those of parameters. An inertia that contains anything else is not checked.
     """
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):

@@ -96,9 +96,9 @@ def check_time() -> None:
     limit = _LIMIT.get()
     if limit is None:
         return
-    taken = time.perf_counter() - limit[0]
-    if taken > max(limit[1], COMPILE_SECONDS):
+    elapsed = time.perf_counter() - limit[0]
+    if elapsed > max(limit[1], COMPILE_SECONDS):
         raise PreparationTooLongError(
-            f"Compiling was ended after {taken:.3g} s, more than max_wall = {limit[1]:.6g} s; a part of it is lost. "
+            f"Compiling was ended after {elapsed:.3g} s, more than max_wall = {limit[1]:.6g} s; a part of it is lost. "
             "Raise max_wall, state a smaller system, or take a method that compiles less, such as dop853."
         )

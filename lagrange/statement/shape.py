@@ -69,13 +69,13 @@ def _box() -> list[list[Place]]:
 
 def _circle(first: int, second: int) -> list[Place]:
     """Return a circle of radius one in the plane of two axes, closed; its entries are rounded to six digits."""
-    places = []
+    corners = []
     for k in range(PARTS + 1):
         angle = 2 * math.pi * (k % PARTS) / PARTS
-        place = [0.0, 0.0, 0.0]
-        place[first], place[second] = round(math.cos(angle), 6) + 0.0, round(math.sin(angle), 6) + 0.0
-        places.append((place[0], place[1], place[2]))
-    return places
+        corner = [0.0, 0.0, 0.0]
+        corner[first], corner[second] = round(math.cos(angle), 6) + 0.0, round(math.sin(angle), 6) + 0.0
+        corners.append((corner[0], corner[1], corner[2]))
+    return corners
 
 
 def _axes(count: int) -> list[list[Place]]:

@@ -98,7 +98,7 @@ def body_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, A
 
 
 def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """Return the angular velocity about the axes of space; see `body_rates`."""
+    """Return the angular velocity about the axes of space, from a quaternion and its time derivatives, four each."""
     twice = 2 / sum(entry**2 for entry in q)
     _, i, j, k = product(velocities, conjugate(q))
     return twice * i, twice * j, twice * k

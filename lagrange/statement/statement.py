@@ -176,7 +176,7 @@ class Statement:
     @property
     def span(self) -> tuple[float, float]:
         """First and last time at which all given functions have values; -inf and inf without a table."""
-        spans = [known.span for known in map(motion_of, self.given) if known is not None]
+        spans = [motion.span for motion in map(motion_of, self.given) if motion is not None]
         return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
 
     def remarks(self) -> list[str]:
@@ -203,20 +203,20 @@ class Statement:
         stated += [part for each in self.contacts for part in each.expressions]
         stated += [entry for point in (*self.positions.values(), *self.surfaces.values()) for entry in point]
         motions = (motion_of(function) for function in self.given)
-        stated += [known.values for known in motions if known and isinstance(known.values, Expr)]
+        stated += [motion.values for motion in motions if motion and isinstance(motion.values, Expr)]
         used = frozenset().union(*(expression.free_symbols for expression in stated))
         return tuple(p for p in self.parameters if p not in used)
 
     @cached_property
     def outlines(self) -> dict[str, dict[str, tuple[Any, ...]]]:
         """Points along each surface by name: its ends if it is straight, else points that are close together."""
-        found = {}
+        outlines = {}
         for name, point in self.surfaces.items():
             straight = all(not entry.diff(along, 2) for entry in point)
             shares = [Float(k / CHORDS) for k in range(0, CHORDS + 1, CHORDS if straight else 1)]
-            places = (tuple(entry.xreplace({along: share}) for entry in point) for share in shares)
-            found[name] = {f"{name}[{k}]": place for k, place in enumerate(places)}
-        return found
+            points = (tuple(entry.xreplace({along: share}) for entry in point) for share in shares)
+            outlines[name] = {f"{name}[{k}]": place for k, place in enumerate(points)}
+        return outlines
 
     @cached_property
     def drawn(self) -> dict[str, tuple[Any, ...]]:
@@ -236,8 +236,8 @@ class Statement:
     @property
     def known_motions(self) -> list[tuple[Any, Any] | str]:
         """The given functions with values: the two sides of a formula, or a sentence about a table."""
-        known = [(function, motion_of(function)) for function in self.given]
-        pairs = [(function, motion.values) for function, motion in known if motion and motion.values is not None]
+        motions = [(function, motion_of(function)) for function in self.given]
+        pairs = [(function, motion.values) for function, motion in motions if motion and motion.values is not None]
         return [pair if isinstance(pair[1], Expr) else f"{name_of(pair[0])} is given by {pair[1]}." for pair in pairs]
 
     @cached_property

@@ -15,10 +15,10 @@ def named_kind(path: str | os.PathLike[str]) -> Path:
     """Return the path of a file whose suffix states its kind. Raises StatementError for another suffix."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
-    wanted = Path(path)
-    if wanted.suffix.lower() not in SUFFIXES:
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
         raise StatementError(
             f"{shown(str(path))} does not say what to write: its name ends in .html for a page with a player, .gif or "
             ".mp4 for a picture that moves, .png for the first frame."
         )
-    return wanted
+    return target

@@ -282,9 +282,9 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
     across = width / scale
     top = _HEADER + (_NAMES if scene is not None and scene.named else 0.0) + (14.0 if scene is None else 0.0)
     strip = count * _CHART + _TIME if count else 8.0
-    beside = scene is not None and count > 0 and scene.ratio > _TALL
+    side_by_side = scene is not None and count > 0 and scene.ratio > _TALL
     under = 0.0 if scene is None else _UNDER if scene.box is None else 4.0
-    below = (0.0 if beside else strip) + under
+    below = (0.0 if side_by_side else strip) + under
     free = 0.0
     if scene is not None:
         free = max(110.0, min(TALLEST, scene.ratio * (across - _LEFT - _RIGHT)))
@@ -298,7 +298,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
             f"size = ({width}, {height}) leaves no room for the motion: give a height of {least} or more."
         )
     border = across
-    if scene is not None and beside:
+    if scene is not None and side_by_side:
         border = max(0.34 * across, min(0.6 * across, free / scene.ratio + _LEFT + _RIGHT))
     left = _LEFT if scene is None or scene.box is None else _RIGHT
 
@@ -306,7 +306,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
         """Return a rectangle as fractions of the picture, from distances in points from its left and top edges."""
         return x / across, 1 - (y + high) / down, wide / across, high / down
 
-    start, first = (border, top) if beside else (0.0, top + free + under)
+    start, first = (border, top) if side_by_side else (0.0, top + free + under)
     each = (down - first - _TIME) / max(count, 1)
     charts = [
         part(start + _LEFT, first + k * each + _TITLE, across - start - _LEFT - _RIGHT, each - _TITLE - 4)
@@ -483,8 +483,8 @@ class MovingChart:
 
         `height` is that of the picture in pixels.
         """
-        box, place = self.axis.get_window_extent(), self.axis.transData.transform
-        left, right = sorted(round(float(place((float(self.t[n]), 0.0))[0])) for n in (0, k))
+        box, transform = self.axis.get_window_extent(), self.axis.transData.transform
+        left, right = sorted(round(float(transform((float(self.t[n]), 0.0))[0])) for n in (0, k))
         return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
 
     def draw(self, k: int, pen: Pen) -> None:

@@ -72,8 +72,8 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 
     Without true values both are arbitrary.
     """
-    found = np.flatnonzero(changed)
-    return (int(found[0]), int(found[-1]) + 1) if len(found) else (0, 1)
+    indices = np.flatnonzero(changed)
+    return (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 1)
 
 
 class _Colours:

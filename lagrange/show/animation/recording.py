@@ -156,7 +156,7 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
 
 
 def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
-    """Return the samples between which and the next one an event set states or parameters, (k,)."""
+    """Return the indices (k,) of the samples before a jump: an event sets states or parameters before the next one."""
     run = solution.trajectory
     times = [np.empty(0)] if run.history is None else [run.history.begins[1:]]
     if known_alone(run) is None:

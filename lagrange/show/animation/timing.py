@@ -74,14 +74,14 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
     if whole == 0:
         return Timing(np.array([span[0]]), 1.0 / fps, pace)
     seconds = whole / pace
-    wanted = seconds * fps
-    if speed is not None and wanted < 1.0:
+    frame_count = seconds * fps
+    if speed is not None and frame_count < 1.0:
         raise StatementError(
             f"speed = {pace:g} shows the run in {seconds:.3g} s, which is less than a frame: give {whole * fps:.3g} or "
             "less."
         )
-    if wanted < MOST_FRAMES:
-        frames = max(1, round(wanted))
+    if frame_count < MOST_FRAMES:
+        frames = max(1, round(frame_count))
         return Timing(np.linspace(span[0], span[1], frames + 1), seconds / frames, pace, _said(speed, pace, whole))
     return _cut(span, fps, pace)
 

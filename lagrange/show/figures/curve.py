@@ -57,7 +57,7 @@ BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DI
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
 SHOWN_SHARE = 0.9
-"""Least fraction of the time whose values a panel shows; there is as much room again above and below."""
+"""Least fraction of the time of which a panel shows the values. Above and below there is as much room again."""
 
 OVERSHOOT = 0.15
 """Distance by which lines continue beyond a panel, as a fraction of its height."""
@@ -175,7 +175,7 @@ _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
 """Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
 
 MOST_ROUNDS = 60
-"""Largest number of rounds of halving; fewer lead from any interval to the least."""
+"""Largest number of times that intervals are halved. Fewer divide any interval down to the least length."""
 
 _SHARE = 0.47
 """Point at which an interval is divided, as a fraction of its length. It is not 0.5: a symmetric turning point would
@@ -212,8 +212,8 @@ def first_times(run: Trajectory) -> FloatArray:
         return np.asarray(t[np.unique(np.concatenate([[0], chosen, [len(t) - 1]]))])
     if outputs_alone(run):
         return t
-    wanted = min(max(_FEWEST, _EACH_STEP * run.steps), _MOST_FIRST)
-    return divided(t, -(-wanted // max(len(t) - 1, 1)))
+    count = min(max(_FEWEST, _EACH_STEP * run.steps), _MOST_FIRST)
+    return divided(t, -(-count // max(len(t) - 1, 1)))
 
 
 def outputs_alone(run: Trajectory) -> bool:
@@ -230,11 +230,11 @@ def over_time(
     are not drawn `together` have a scale each. Where several oscillations share a column of pixels the line has their
     exact minimum and maximum. Chords are halved at most `rounds` times: few if the values end as rounding noise.
     """
-    found = values(t)
-    height = _extents(found, axis=(0, 1) if together else 1)
+    rows = values(t)
+    height = _extents(rows, axis=(0, 1) if together else 1)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
     scale = np.stack(np.broadcast_arrays(_pixels_in(pixels.width, span), _pixels_in(pixels.height, height)), axis=-1)
-    times, states = _refined(values, t, found, _over, np.broadcast_to(scale, (len(found), 2)), rounds)
+    times, states = _refined(values, t, rows, _over, np.broadcast_to(scale, (len(rows), 2)), rounds)
     return [thinned(times, row, pixels) for row in states]
 
 
@@ -324,7 +324,7 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
     three points. The distance from a chord is not sufficient: where many oscillations share a column of pixels the
     curve is almost vertical and lies on its chord, however far it continues.
     """
-    beside = np.zeros(max(len(t) - 1, 0), dtype=bool)
+    flags = np.zeros(max(len(t) - 1, 0), dtype=bool)
     with np.errstate(all="ignore"):
         before, after = np.diff(t)[:-1], np.diff(t)[1:]
         slopes = np.diff(pixels) / np.diff(t)
@@ -332,9 +332,9 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
         middle = (first * after + second * before) / (before + after)
         behind = np.abs(middle**2 * (before + after) / (4 * (second - first)))
         missed = np.any((first * second <= 0) & (behind > TOLERANCE), axis=(0, 1))
-    beside[:-1] |= missed
-    beside[1:] |= missed
-    return beside
+    flags[:-1] |= missed
+    flags[1:] |= missed
+    return flags
 
 
 def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

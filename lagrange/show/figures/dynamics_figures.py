@@ -58,8 +58,8 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
     figure, axis = panel_on(ax, look, (8.2, 5.4))
     _field(axis, portrait, look)
     _nullclines(axis, portrait, look)
-    for one in portrait.orbits:
-        axis.plot(*_line(portrait, one), color=look.colours[0], linewidth=0.9, zorder=2)
+    for orbit in portrait.orbits:
+        axis.plot(*_line(portrait, orbit), color=look.colours[0], linewidth=0.9, zorder=2)
     for stable, colour in ((False, look.colours[1]), (True, look.colours[3])):
         label = "separatrix to the saddle" if stable else "separatrix from the saddle"
         for branch in portrait.separatrices:
@@ -76,7 +76,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 
 def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
-    """Draw arrows of equal length in the directions of the curves of the picture."""
+    """Draw arrows of equal length in the directions that orbits have in the picture."""
     widths = np.array([one.width for one in portrait.plane])
     u, v = portrait.u / widths[0], portrait.v / widths[1]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -141,29 +141,29 @@ def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
 def _equilibria(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     first, second = portrait.plane
     seen: set[str] = set()
-    for place in portrait.equilibria:
-        marker, filled = _MARKERS[place.kind]
+    for equilibrium in portrait.equilibria:
+        marker, filled = _MARKERS[equilibrium.kind]
         face = {"paper": look.quiet, "ink": look.ink, "open": look.paper}[filled]
         axis.plot(
-            [place.state[first.row]],
-            [place.state[second.row]],
+            [equilibrium.state[first.row]],
+            [equilibrium.state[second.row]],
             marker=marker,
             markersize=8.5 if marker != "X" else 9.5,
-            markerfacecolor=look.paper if place.kind == "centre" else face,
+            markerfacecolor=look.paper if equilibrium.kind == "centre" else face,
             markeredgecolor=look.ink,
             markeredgewidth=1.2,
             linestyle="none",
-            label="_" if place.kind in seen else place.kind,
+            label="_" if equilibrium.kind in seen else equilibrium.kind,
             clip_on=False,
             zorder=5,
         )
-        seen.add(place.kind)
+        seen.add(equilibrium.kind)
 
 
 def _frame(axis: Axes, ax: Any, portrait: PortraitData, look: FigureStyle) -> None:
     statement, (first, second) = portrait.statement, portrait.plane
-    held = ", ".join(f"${entry(statement, name)}$ = {value:g}" for name, value in portrait.held.items())
-    title = statement.name + (f" at {held}" if held else "")
+    fixed = ", ".join(f"${entry(statement, name)}$ = {value:g}" for name, value in portrait.held.items())
+    title = statement.name + (f" at {fixed}" if fixed else "")
     dress(axis, look, title + (f", t = {portrait.time:g}" if portrait.time is not None else ""))
     axis.grid(visible=False)
     axis.set(xlim=(first.low, first.high), ylim=(second.low, second.high))
@@ -233,16 +233,22 @@ def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
     """Return the figure of a bifurcation diagram: the sampled points against the parameter."""
     look, statement = style_of(style), sweep.statement
     row = row_of(statement, sweep.axes[0] if entry is None else entry, "entry")
-    known = np.isfinite(sweep.states[..., row])
-    if not known.any():
+    valid = np.isfinite(sweep.states[..., row])
+    if not valid.any():
         raise StatementError(f"there is nothing to draw: {sweep.message}")
     figure, axis = panel_on(ax, look, (8.6, 5.2))
-    size = max(0.35, min(2.0, 2.0 * (4000 / known.sum()) ** 0.5))
+    size = max(0.35, min(2.0, 2.0 * (4000 / valid.sum()) ** 0.5))
     for k, colour in enumerate(colours(sweep.states.shape[1], look.colours)):
         (points,) = _wrapped(statement, sweep.states[:, k], [row])
-        places = np.broadcast_to(sweep.values[:, None], points.shape)
+        abscissae = np.broadcast_to(sweep.values[:, None], points.shape)
         axis.plot(
-            places.ravel(), points.ravel(), ".", color=colour, markersize=2 * size, markeredgewidth=0.0, rasterized=True
+            abscissae.ravel(),
+            points.ravel(),
+            ".",
+            color=colour,
+            markersize=2 * size,
+            markeredgewidth=0.0,
+            rasterized=True,
         )
     name = statement.state_names[row]
     dress(axis, look, f"{statement.name}: {_sampled_at(sweep)}")

@@ -145,7 +145,7 @@ EVEN_SPACING = 1e-9
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a row of `y` or a kept quantity, against the varied quantities; see `Ensemble.plot`."""
+    """Return the figure of a row of `y` or a kept quantity against the varied quantities."""
     look, label = style_of(style), first_drawn(runs) if what is None else runs.label(what)
     axes = {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)

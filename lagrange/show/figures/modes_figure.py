@@ -53,11 +53,11 @@ def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
         new_figure(figsize=(8.6 if columns == 2 else 6.0, 0.8 + 1.75 * count), layout="constrained"), look
     )
     grid = figure.subplots(count, columns, squeeze=False, width_ratios=(1.0, 1.6)[:columns])
-    seen = _seen(shapes)
+    projected = _seen(shapes)
     for k in range(count):
         _bars(grid[k, 0], shapes, k, look)
         if columns == 2:
-            _shape(grid[k, 1], shapes, seen, k, look)
+            _shape(grid[k, 1], shapes, projected, k, look)
     left = len(shapes.components) - count
     say_below(figure, None, look, f"{counted(left, 'more mode')} not drawn." if left else "")
     return figure
@@ -76,31 +76,31 @@ def _title(shapes: ModeShapes, k: int) -> str:
 
 def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
     values = shapes.components[k]
-    places = np.arange(len(values))
-    axis.bar(places, values, width=0.6, color=[look.colours[0] if v >= 0 else look.colours[1] for v in values])
+    positions = np.arange(len(values))
+    axis.bar(positions, values, width=0.6, color=[look.colours[0] if v >= 0 else look.colours[1] for v in values])
     axis.axhline(0.0, color=look.quiet, linewidth=0.8)
     dress(axis, look, _title(shapes, k))
     axis.grid(visible=False, axis="x")
     axis.set(ylim=(-1.15, 1.15), yticks=[-1, 0, 1])
-    _name_coordinates(axis, shapes, places)
+    _name_coordinates(axis, shapes, positions)
 
 
 def _name_coordinates(axis: Axes, shapes: ModeShapes, places: NDArray[Any]) -> None:
-    known = letters(shapes.names)
+    symbols = letters(shapes.names)
     step = 1 + (len(places) - 1) // 12
-    axis.set_xticks(places[::step], [f"${known[name]}$" for name in shapes.names][::step])
+    axis.set_xticks(places[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
 
 
 def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
     count, n = shapes.components.shape
-    places, width = np.arange(n), 0.8 / count
+    positions, width = np.arange(n), 0.8 / count
     for k, colour in enumerate(colours(count, look.colours)):
         shift = (k - (count - 1) / 2) * width
-        axis.bar(places + shift, shapes.components[k], width=0.9 * width, color=colour, label=_title(shapes, k))
+        axis.bar(positions + shift, shapes.components[k], width=0.9 * width, color=colour, label=_title(shapes, k))
     axis.axhline(0.0, color=look.quiet, linewidth=0.8)
     dress(axis, look, f"{shapes.statement.name}: shapes of modes")
     axis.grid(visible=False, axis="x")
-    _name_coordinates(axis, shapes, places)
+    _name_coordinates(axis, shapes, positions)
     axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
 
 

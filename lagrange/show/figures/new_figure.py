@@ -71,11 +71,11 @@ def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "l
     look = style_of(style)
     rows, columns = (whole_number(count, what, 1, _MOST) for count, what in ((rows, "rows"), (columns, "columns")))
     width, height = (_WIDTH if columns == 1 else columns * _NARROW, rows * _HEIGHT) if size is None else size_of(size)
-    made = new_figure(figsize=(width, height), layout="constrained")
-    for axis in made.subplots(rows, columns, squeeze=False).flat:
+    result = new_figure(figsize=(width, height), layout="constrained")
+    for axis in result.subplots(rows, columns, squeeze=False).flat:
         axis.set_prop_cycle(color=look.colours)
         dress(axis, look)
-    return on_paper(made, look)
+    return on_paper(result, look)
 
 
 def size_of(size: Any) -> tuple[float, float]:

@@ -112,10 +112,10 @@ def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> PanelQu
 
 def _above(names: Sequence[str], *, rate: bool) -> str:
     """Return the title of a panel of coordinates or their velocities; empty if a short label beside it is enough."""
-    what = "velocity of " if rate else ""
+    prefix = "velocity of " if rate else ""
     if len(names) > 1:
         return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
-    return "" if len(names[0]) <= _SHORT else f"{what}{names[0]}"
+    return "" if len(names[0]) <= _SHORT else f"{prefix}{names[0]}"
 
 
 def energies(solution: Solution) -> PanelQuantity:
@@ -153,13 +153,13 @@ def energy(solution: Solution) -> PanelQuantity:
 
 def momenta(solution: Solution) -> PanelQuantity | None:
     """Return the changes of the momenta of ignorable coordinates from their first values; None if there are none."""
-    found = list(solution.momentum_drift)[:MOST_LINES]
-    if not found:
+    names = list(solution.momentum_drift)[:MOST_LINES]
+    if not names:
         return None
-    title = f"drift of {listing(found)} relative to the largest term"
-    labels = tuple(f"${letter_of(name)}$" for name in found)
+    title = f"drift of {listing(names)} relative to the largest term"
+    labels = tuple(f"${letter_of(name)}$" for name in names)
     return PanelQuantity(
-        title, labels, lambda run: np.array([run.momentum_drift[name] for name in found]), "", drift=True
+        title, labels, lambda run: np.array([run.momentum_drift[name] for name in names]), "", drift=True
     )
 
 
@@ -283,9 +283,9 @@ def label_of_entry(statement: Statement, name: str) -> str:
 
 def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
     """Return the symbol of an entry of the state, or of its rate, as mathematics without a unit."""
-    known = letters(statement.names)
-    dots = int(name not in known) + int(rate)
-    letter = known[name] if name in known else known[name.removesuffix("_dot")]
+    symbols = letters(statement.names)
+    dots = int(name not in symbols) + int(rate)
+    letter = symbols[name] if name in symbols else symbols[name.removesuffix("_dot")]
     return letter.dotted(dots) if dots else str(letter)
 
 
@@ -315,7 +315,7 @@ _MORE = 2.0
 """Error of the dense output is shown if its drift exceeds that of the steps by this factor."""
 
 _DRIFT_ROUNDS = 3
-"""Rounds of halving for the curve of a drift. It consists of rounding noise in the end, which is never smooth."""
+"""Largest number of times that intervals are halved for a drift. Its rounding noise never becomes smooth."""
 
 _FEW = 3
 """Fewer points than this are drawn as dots, because they form no line."""

@@ -98,11 +98,11 @@ class Box:
 
         low, high = float(self.low[axis]), float(self.high[axis])
         for most in range(_TICKS, 3 * _TICKS):
-            found = np.asarray(MaxNLocator(most, steps=_STEPS).tick_values(low, high))
-            found = found[(found >= low) & (found <= high)]
-            if len(found) >= _FEWEST:
+            values = np.asarray(MaxNLocator(most, steps=_STEPS).tick_values(low, high))
+            values = values[(values >= low) & (values <= high)]
+            if len(values) >= _FEWEST:
                 break
-        return found
+        return values
 
 
 def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) -> None:
@@ -112,16 +112,18 @@ def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) 
     """
     (x0, y0, z0), (x1, y1, z1) = box.low, box.high
     for k, (begin, end) in enumerate((((0, y0), (0, y1)), ((x0, 0), (x1, 0)))):
-        for place in box.ticks(k):
-            line = np.array([(place, begin[1]), (place, end[1])] if k == 0 else [(begin[0], place), (end[0], place)])
+        for position in box.ticks(k):
+            line = np.array(
+                [(position, begin[1]), (position, end[1])] if k == 0 else [(begin[0], position), (end[0], position)]
+            )
             _line(axis, view, np.column_stack([line, [z0, z0]]), style.grid, 0.8)
     edge = np.array([(x0, y1, z0), (x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)])
     _line(axis, view, edge, style.quiet, 0.7)
     _line(axis, view, np.array([(x0, y0, z0), (x0, y0, z1)]), style.quiet, 0.7)
     for k, foot in enumerate(((None, y0, z0), (x1, None, z0), (x0, y0, None))):
         _numbers(axis, view, box, k, foot, unit, style)
-    seen = view.of(box.corners)
-    low, high = seen.min(axis=1), seen.max(axis=1)
+    projected = view.of(box.corners)
+    low, high = projected.min(axis=1), projected.max(axis=1)
     axis.update_datalim([low - 0.12 * (high - low), high + 0.04 * (high - low)])
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
@@ -141,9 +143,9 @@ def _numbers(
     away = away / np.hypot(*away)
     texts = [*number_labels(ticks.tolist()), with_unit("xyz"[k], unit)]
     middle = (box.low[k] + box.high[k]) / 2
-    for text, place in zip(texts, [*ticks.tolist(), middle if k < 2 else box.high[k]], strict=True):
+    for text, position in zip(texts, [*ticks.tolist(), middle if k < 2 else box.high[k]], strict=True):
         named = text is texts[-1]
-        at = view.of(np.array([[place if part is None else part] for part in foot]))[:, 0]
+        at = view.of(np.array([[position if part is None else part] for part in foot]))[:, 0]
         offset = (_NAMES if named and k < 2 else _NUMBERS) * away + (0.0, 8.0 * (named and k == 2))
         written = axis.annotate(
             text,
@@ -236,8 +238,8 @@ def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
     """Return a common view of the paths of several runs; None if no point is stated."""
     runs = [named_points(run, _times(run)[0]) for run in solutions]
-    found = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
-    return view_of(found) if found else None
+    points_by_name = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
+    return view_of(points_by_name) if points_by_name else None
 
 
 def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
@@ -345,7 +347,7 @@ class PathPanel:
     def _bounds(self, runs: list[Paths]) -> FloatArray:
         """Return the limits of each direction, (2, d): of paper, or of space with a view from a side.
 
-        To scale, both directions have the same length.
+        If the panel is to scale, both directions have the same length.
         """
         own = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
         low, high = limits(np.concatenate(own, axis=1))
@@ -467,8 +469,8 @@ def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
         chords = np.flatnonzero(depths == depth)
         last = np.append(np.diff(chords) > 1, True)[: len(chords)]
         count = np.where(last, 3, 1)
-        places = np.repeat(chords, count)
-        within = np.arange(len(places)) - np.repeat(np.cumsum(count) - count, count)
-        line = points[:, places + np.minimum(within, 1)]
+        positions = np.repeat(chords, count)
+        within = np.arange(len(positions)) - np.repeat(np.cumsum(count) - count, count)
+        line = points[:, positions + np.minimum(within, 1)]
         line[:, within == 2] = np.nan
         yield line

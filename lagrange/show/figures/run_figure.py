@@ -112,9 +112,9 @@ class Contents:
 
     def _over_time(self, of: Callable[[Solution], PanelQuantity | None], *, wide: bool = False) -> list[Panel]:
         """Return one panel of a quantity for all runs; no panel if a run lacks it."""
-        found = [of(run) for run in self.solutions]
-        kept = [one for one in found if one is not None]
-        return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(found) else []
+        quantities = [of(run) for run in self.solutions]
+        kept = [one for one in quantities if one is not None]
+        return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(quantities) else []
 
     def _rows(self, names: Sequence[str], *, rate: bool = False) -> list[Panel]:
         """Return the panels of coordinates by name, or of their velocities with `rate`."""
@@ -182,7 +182,7 @@ def plot_runs(
     labels: Sequence[str] | None = None,
     dpi: int | None = None,
 ) -> Figure:
-    """Return a figure of runs; see `Solution.plot`. Raises StatementError for invalid arguments."""
+    """Return a figure of one or several runs. Raises StatementError for invalid arguments."""
     look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
     for run in solutions:
         if not len(run.t):
@@ -268,13 +268,15 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
     right = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape != "row"]
-    own = _Left(left, rows)
+    left_part = _Left(left, rows)
     columns = ceil(sqrt(len(right))) if not (left or rows) else 1
     down = ceil(len(right) / max(columns, 1))
     upright = bool(right) and all(panel.shape == "column" for panel in right)
     widths = (_LEFT * bool(left or rows), columns * (_NARROW if upright else _RIGHT) * bool(right))
-    width, height = size or (sum(widths), round(max(own.height, down * 4.2 if right else 0.0), 1))
-    least = max(_BESIDE + _LEAST * sum(own.ratios) if own.ratios else 0.0, _LEAST_PLANE * down if right else 0.0)
+    width, height = size or (sum(widths), round(max(left_part.height, down * 4.2 if right else 0.0), 1))
+    least = max(
+        _BESIDE + _LEAST * sum(left_part.ratios) if left_part.ratios else 0.0, _LEAST_PLANE * down if right else 0.0
+    )
     if width < _NARROWEST * sum(widths) or height < least:
         raise StatementError(
             f"size = ({width:g}, {height:g}) leaves no room for {counted(len(panels), 'panel')}: give a width of "
@@ -283,11 +285,11 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
     figure = new_figure(figsize=(width, height), layout="constrained")
     share = width / sum(widths)
     if not right:
-        own.draw(figure, (width, height), style, dpi)
+        left_part.draw(figure, (width, height), style, dpi)
         return figure
     halves = figure.add_gridspec(1, 2, width_ratios=widths) if left or rows else None
     if halves is not None:
-        own.draw(figure.add_subfigure(halves[0]), (widths[0] * share, height), style, dpi)
+        left_part.draw(figure.add_subfigure(halves[0]), (widths[0] * share, height), style, dpi)
     side = figure if halves is None else figure.add_subfigure(halves[1])
     for panel, axis in zip(right, side.subplots(down, columns, squeeze=False).flat, strict=False):
         panel.draw(axis, Pixels(widths[1] * share / columns * dpi, height / down * dpi), style)
@@ -324,9 +326,9 @@ class _Left:
         """Draw all panels in a part of a figure with a width and a height in inches."""
         grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
         pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)
-        places = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]
-        places += [grid[self.down + k, :] for k in range(len(self.wide))]
-        axes = [figure.add_subplot(place) for place in places]
+        cells = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]
+        cells += [grid[self.down + k, :] for k in range(len(self.wide))]
+        axes = [figure.add_subplot(cell) for cell in cells]
         for panel, axis in zip([*self.narrow, *self.wide], axes, strict=True):
             panel.draw(axis, pixels, style)
         named = {len(axes) - 1, *(k * self.down - 1 for k in (1, 2) if self.down)}
@@ -375,10 +377,10 @@ def plot(
     differs. In a panel with one row each run has a colour, else a kind of line. Raises StatementError for arguments
     that are not solutions, and for those that `Solution.plot` refuses.
     """
-    given = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
-    if not given or not all(isinstance(one, Solution) for one in given):
+    runs = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
+    if not runs or not all(isinstance(one, Solution) for one in runs):
         raise StatementError(
             f"lg.plot got {shown(solutions)}: give one solution, or a list of solutions, such as "
             "lg.plot([first, second])."
         )
-    return plot_runs(given, what, of=of, ax=ax, size=size, style=style, labels=labels, dpi=dpi)
+    return plot_runs(runs, what, of=of, ax=ax, size=size, style=style, labels=labels, dpi=dpi)

@@ -173,7 +173,7 @@ def parts_of(colour: str) -> tuple[float, ...]:
 
 
 _LARGEST, _SMALLEST = 5, -4
-"""Powers of ten from which on, and up to which, numbers are written as 10⁵ or 10⁻⁴."""
+"""Exponents: numbers from 10⁵ on, and up to 10⁻⁴, are written with powers of ten."""
 
 _MOST_DIGITS = 15
 """Largest number of decimals: more than a double has."""
@@ -266,18 +266,18 @@ def few_ticks(axis: Axes) -> None:
     width = 72 * axis.get_window_extent().width / of_figure(axis).dpi
     for count in range(_MOST_NUMBERS, 1, -1):
         axis.locator_params(axis="x", nbins=count)
-        places = [place for place in axis.get_xticks() if low <= place <= high]
-        letters = max((len(text) for text in number_labels(places)), default=0)
-        if len(places) * (letters + 1) * POINTS_OF_A_LETTER * 1.1 <= width:
+        positions = [position for position in axis.get_xticks() if low <= position <= high]
+        letters = max((len(text) for text in number_labels(positions)), default=0)
+        if len(positions) * (letters + 1) * POINTS_OF_A_LETTER * 1.1 <= width:
             return
 
 
 def log_ticks(low: float, high: float) -> list[float]:
     """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones on a short scale."""
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
-    found = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
-    if len(found) >= FEWEST_TICKS:
-        return found if len(found) <= MOST_TICKS else [one for one in found if math.log10(one) % 1 < 0.1]
+    values = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
+    if len(values) >= FEWEST_TICKS:
+        return values if len(values) <= MOST_TICKS else [one for one in values if math.log10(one) % 1 < 0.1]
     from matplotlib.ticker import MaxNLocator
 
     return [float(one) for one in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= one <= high]

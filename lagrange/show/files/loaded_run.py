@@ -80,7 +80,7 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 
 
 def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Solution:
-    """Return the run in a file; see `lagrange.load`. `model_of` compiles a statement for a target."""
+    """Return the run in a file that `to_npz` wrote. `model_of` compiles a statement for a target."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
     arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)

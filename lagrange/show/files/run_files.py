@@ -57,8 +57,8 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
 def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """Return the times (k,) and states (k, 2n) of each event, by the names of the arrays in a file."""
-    found = {f"t_event_{i}": event for i, event in enumerate(times)}
-    return found | {f"y_event_{i}": event for i, event in enumerate(states)}
+    arrays = {f"t_event_{i}": event for i, event in enumerate(times)}
+    return arrays | {f"y_event_{i}": event for i, event in enumerate(states)}
 
 
 def _missing(method: str, package: str) -> StatementError:
@@ -74,7 +74,7 @@ def finite(value: Any) -> float | None:
 
 
 def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:
-    """Write the states as a table; see `Solution.to_csv`."""
+    """Write the states as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`."""
     if rate is not None and t is not None:
         raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
     times = times_at(solution.trajectory, rate) if rate is not None else t
@@ -82,7 +82,7 @@ def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | No
 
 
 def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
-    """Write the run as NumPy arrays; see `Solution.to_npz`."""
+    """Write the run as an npz archive of NumPy arrays, which `lagrange.load` reads."""
     return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
 
 
@@ -92,7 +92,7 @@ def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None)
 
 
 def write_folder(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the table, the picture and last the card; see `Solution.to_folder`."""
+    """Write the table, the picture and last the card into a folder, and return their paths."""
     files: dict[str, Writer | None] = {
         "trajectory.csv": partial(_csv, solution),
         "trajectory.png": picture(solution.plot) if len(solution.t) else None,
@@ -124,7 +124,7 @@ def _changed_parameters(solution: Solution) -> dict[str, FloatArray]:
 
 
 def arrays_of_run(solution: Solution) -> dict[str, Any]:
-    """Return the arrays of an archive by name; see `Solution.to_npz`."""
+    """Return the arrays that describe a run by their names in an npz archive."""
     run, model = solution.trajectory, solution.model
     texts = {"card": json.dumps(solution.card()), "statement": scene_text(model.statement)}
     arrays: dict[str, Any] = {"t": run.t, "y": run.y, "names": np.array(solution.names)}

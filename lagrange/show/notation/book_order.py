@@ -63,7 +63,7 @@ class BookOrder:
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
 
     def moves(self, expression: Any) -> bool:
-        """Return True if an expression contains other symbols than parameters."""
+        """Return True if an expression contains a symbol that is not a parameter."""
         return any(rank[0] != PARAMETER for rank in self.symbols(expression))
 
     def follows(self, factor: Any) -> bool:
@@ -98,8 +98,8 @@ class BookOrder:
     def term(self, term: Any) -> Key:
         """Return the sort key of a term: accelerations come first, then velocities, then the rest.
 
-        Weights, then driving terms, come last. In the rest squares and
-        products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l + x and m1 + m2 sin(theta)^2.
+        Weights, then driving terms, come last. Among the rest, squares and products of coordinates come first, as in
+        x^2 + y^2 - l^2, then constants, as in l + x and m1 + m2 sin(theta)^2.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -150,7 +150,7 @@ class BookOrder:
     def terms(self, parts: Iterable[Any], subtracted: Callable[[Any], bool]) -> list[Any]:
         """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations.
 
-        `subtracted` returns True for a term with a minus sign. A constant with one comes last, as in x + y - l.
+        `subtracted` returns True for a term with a minus sign. A subtracted constant comes last, as in x + y - l.
         """
         ordered = sorted(parts, key=self.term)
         if not subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
@@ -162,9 +162,10 @@ class BookOrder:
         return [first, *ordered]
 
     def reversible(self, total: Any, term: Any) -> bool:
-        """Return True for a difference of masses, or of constants that is not stated, in a term that was not typed.
+        """Return True if the minus sign of a term may reverse the difference `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
-        A term -(m1 - m2)*g then becomes (m2 - m1)*g. A stated difference of lengths is usually positive: -(R - r).
+        The difference is one of masses, or of other constants if the statement does not contain it: there R - r is
+        usually positive. A term that a user typed stays.
         """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False
@@ -201,10 +202,10 @@ class BookOrder:
         return (1, factor) if sign is None else (sign, factor.func(-argument, evaluate=False))
 
     def _preferred(self, total: Any) -> Any:
-        """Return a sum, or its negative, whichever alone was typed or else stated; None if neither."""
-        for known in (self.typed, self.sums):
-            if (total in known) != (-total in known):
-                return total if total in known else -total
+        """Return a sum or its negative, whichever was typed, else was stated. None if both or neither were."""
+        for sums in (self.typed, self.sums):
+            if (total in sums) != (-total in sums):
+                return total if total in sums else -total
         return None
 
 

@@ -109,9 +109,9 @@ class Typesetter:
             if base != 1:
                 side, power = (below, -exponent) if exponent.is_negative else (above, exponent)
                 side.append((base, power))
-        for place, (base, power) in enumerate(above):
+        for index, (base, power) in enumerate(above):
             if number.is_negative and power == 1 and self.order.reversible(base, node):
-                above[place], number = (-base, power), -number
+                above[index], number = (-base, power), -number
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
@@ -166,8 +166,8 @@ class Typesetter:
         if exponent == sympy.S.Half:
             return self.notation.root(self.piece(base))
         written = str(exponent) if exponent.is_Integer else self.piece(exponent).text
-        known = isinstance(base, sympy.Function) and not isinstance(base, (AppliedUndef, sympy.Piecewise))
-        if known and exponent.is_Integer:
+        named = isinstance(base, sympy.Function) and not isinstance(base, (AppliedUndef, sympy.Piecewise))
+        if named and exponent.is_Integer:
             return self.function(base, written)
         shown = self.piece(base)
         inside = shown.closed or self.notation.grouped(shown, ATOM)
@@ -208,13 +208,13 @@ class Typesetter:
 
     def derivative(self, node: Any) -> FormulaPiece:
         """Return the derivative of a function of time as a letter with dots, of any other function with primes."""
-        inner, place = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
+        inner, point = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
         function, (variable, times) = inner.expr, inner.variable_count[0]
         simple = len(inner.variable_count) == 1 and isinstance(function, AppliedUndef) and len(function.args) == 1
-        if simple and function.args == (t,) and times <= 2 and place is None:
+        if simple and function.args == (t,) and times <= 2 and point is None:
             return FormulaPiece(self.notation.letter(function.func.__name__, int(times)), simple=True)
         if simple and function.args == (variable,):
-            argument = self.piece(variable if place is None else place)
+            argument = self.piece(variable if point is None else point)
             return self.notation.function(function.func.__name__ + "'" * int(times), [argument])
         return self.notation.function("derivative", [self.piece(part) for part in (function, *inner.variables)])
 
@@ -448,11 +448,11 @@ class LineWriter:
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
         before = [] if front == one else [closed]
         front_width = 0 if self.notation.in_one_line else width(self.ruler.setter.quotient(rest, below, number).text)
-        apart = front_width > WIDEST // 2
-        taken = 2 if apart or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
-        first, *more = self.sum_lines(longest, (WIDEST if apart else room) - taken)
+        separate = front_width > WIDEST // 2
+        used = 2 if separate or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
+        first, *more = self.sum_lines(longest, (WIDEST if separate else room) - used)
         inside = self.notation.opening + first
-        if apart:
+        if separate:
             start = [self.notation.signs([(negative, front.text)], leading=leading)]
             more = [self.notation.times + inside, *more]
         else:

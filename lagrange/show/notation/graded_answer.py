@@ -36,7 +36,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
 def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
     """Return the comparison of an answer; the search for a wrong term stops at its limit of work."""
     typeset = Typesetter(statement, Notation(names_of(statement)))
-    typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}
+    typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}
     equations = read_equations(answer, statement)
     sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
     built = {node for side in sides for node in side.atoms(Add, Mul)}

@@ -67,7 +67,7 @@ class MathmlNotation(Notation):
         return f"<mi>{({'pi': 'π', 'infinity': '∞'}).get(name, name)}</mi>"
 
     def brackets(self, inside: str) -> str:
-        """Return (inside); around a single line the brackets do not stretch, because browsers add wide gaps to such."""
+        """Return (inside). Around a single line the brackets do not stretch, which would add wide gaps."""
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')

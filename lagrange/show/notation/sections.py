@@ -149,10 +149,10 @@ def _stated(derivation: Derivation) -> Iterator[Formula | str]:
             yield Formula((ShownQuantity("Q", (name,)), force))
     if statement.dissipation != 0:
         yield Formula((ShownQuantity("D"), statement.dissipation))
-    for known in statement.known_motions:
-        yield known if isinstance(known, str) else Formula(known)
-    for one in statement.constraints:
-        yield Formula((constraint_quantity(one), one.expression))
+    for motion in statement.known_motions:
+        yield motion if isinstance(motion, str) else Formula(motion)
+    for constraint in statement.constraints:
+        yield Formula((constraint_quantity(constraint), constraint.expression))
 
 
 def _energy_as_stated(derivation: Derivation, letter: str, stated: Any, merged: Callable[[], Any]) -> Formula:
@@ -211,10 +211,15 @@ def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
     if force != 0:
         yield Formula((ShownQuantity("Q", (name,)), force))
         right.append((False, ShownQuantity("Q", (name,))))
-    for one in statement.constraints:
-        exerted = derivation.constraint_forces[one.name][q]
+    for constraint in statement.constraints:
+        exerted = derivation.constraint_forces[constraint.name][q]
         if exerted != 0:
-            push = Product((one.multiplier, Partial(constraint_quantity(one), q if one.holonomic else velocity)))
+            push = Product(
+                (
+                    constraint.multiplier,
+                    Partial(constraint_quantity(constraint), q if constraint.holonomic else velocity),
+                )
+            )
             yield Formula((push, exerted))
             right.append((False, push))
     if not right and len(left) == 2 and derivation.gradient[q] == 0:
@@ -243,7 +248,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
         yield f"M a = h has {len(names)} rows, which are the equations of motion; mass_matrix has its matrix."
         return
     mass, right, gradient = (ShownQuantity(letter) for letter in "MhG")
-    multipliers = [one.multiplier for one in statement.constraints]
+    multipliers = [constraint.multiplier for constraint in statement.constraints]
     accelerations = _column(list(statement.plain.values())[2::3])
     pushed = [(False, Product((Transpose(gradient), _column(multipliers))))] if multipliers else []
     rests = [(False, right)] if any(derivation.right_sides.values()) else []
@@ -253,11 +258,11 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
     if rests:
         yield from _matrix("h", [(h,) for h in derivation.right_sides.values()], names)
     rows = [
-        tuple(derivation.constraint_forces[one.name][q] / one.multiplier for q in statement.coordinates)
-        for one in statement.constraints
+        tuple(derivation.constraint_forces[constraint.name][q] / constraint.multiplier for q in statement.coordinates)
+        for constraint in statement.constraints
     ]
     if rows:
-        yield from _matrix("G", rows, [one.name for one in statement.constraints], names)
+        yield from _matrix("G", rows, [constraint.name for constraint in statement.constraints], names)
 
 
 def _column(entries: Sequence[Any]) -> Any:
@@ -290,10 +295,10 @@ def _matrix(
 
 def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
     statement = derivation.statement
-    known = {one.name: one.multiplier for one in statement.constraints}
+    multipliers = {constraint.name: constraint.multiplier for constraint in statement.constraints}
     solved = [
         *zip(list(statement.plain.values())[2::3], derivation.accelerations.values(), strict=True),
-        *((known[name], value) for name, value in derivation.multipliers.items()),
+        *((multipliers[name], value) for name, value in derivation.multipliers.items()),
     ]
     long = [symbol for symbol, value in solved if value.count_ops() > READABLE]
     for symbol, value in solved:

@@ -61,11 +61,11 @@ def index_parts(name: str) -> tuple[str, list[str]]:
 
 def letters(names: Iterable[str]) -> dict[str, Letter]:
     """Return the LaTeX of each name; different names look different."""
-    found: dict[str, Letter] = {}
+    result: dict[str, Letter] = {}
     for name in names:
         letter = letter_of(name)
-        found[name] = letter if letter not in found.values() else letter_of(name, literal=True)
-    return found
+        result[name] = letter if letter not in result.values() else letter_of(name, literal=True)
+    return result
 
 
 def letter_of(name: str, *, literal: bool = False) -> Letter:

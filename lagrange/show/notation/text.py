@@ -183,10 +183,10 @@ class Notation:
         if len(pieces) == 1:
             return pieces[0]
         texts = []
-        for place, piece in enumerate(pieces):
-            last = place == len(pieces) - 1
+        for index, piece in enumerate(pieces):
+            last = index == len(pieces) - 1
             text = self.grouped(piece, FRACTION if last else self.level_inside_product)
-            if piece.closed and not last and not pieces[place + 1].call:
+            if piece.closed and not last and not pieces[index + 1].call:
                 text = piece.closed
             texts.append(text)
         simple = len(pieces) == 2 and pieces[0].text[:1].isdigit() and pieces[1].simple

@@ -101,13 +101,13 @@ class PageWriter:
 
     def values(self, values: Mapping[Any, Any], units: Mapping[Any, str] | None = None) -> str:
         """Return symbols with their values for a sentence, with units where they are stated."""
-        known = units or {}
+        stated_units = units or {}
         parts = []
         for symbol, value in values.items():
             if value is None:
                 parts.append(f"{self.inline(symbol)} without a value")
             else:
-                unit = f" {markdown_text(known[symbol])}" if known.get(symbol) else ""
+                unit = f" {markdown_text(stated_units[symbol])}" if stated_units.get(symbol) else ""
                 parts.append(f"${self.side(symbol)} = {self.side(value)}${unit}")
         return ", ".join(parts)
 

@@ -35,8 +35,8 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
     writer = PageWriter(statement)
     count = len(statement.coordinates)
     head = f"{bold(statement.name)}: {counted(count, 'coordinate')}"
-    known = " " + ", ".join(map(writer.inline, statement.coordinates)) if count <= NAMED_COORDINATES else ""
-    yield "the coordinates", f"{head}{known}" + (f". {markdown_text(statement.about)}" if statement.about else "")
+    names = " " + ", ".join(map(writer.inline, statement.coordinates)) if count <= NAMED_COORDINATES else ""
+    yield "the coordinates", f"{head}{names}" + (f". {markdown_text(statement.about)}" if statement.about else "")
     yield from _stated(statement, writer)
     yield "the parameters", _parameters(statement, writer)
     yield "the initial state", _initial(statement, writer)
@@ -60,17 +60,17 @@ def _stated(statement: Statement, writer: PageWriter) -> Iterator[Part]:
         if force != 0
     ]
     rows += [(ShownQuantity("D"), statement.dissipation)] if statement.dissipation != 0 else []
-    rows += [known for known in statement.known_motions if not isinstance(known, str)]
-    rows += [(constraint_quantity(one), one.expression) for one in statement.constraints]
+    rows += [motion for motion in statement.known_motions if not isinstance(motion, str)]
+    rows += [(constraint_quantity(constraint), constraint.expression) for constraint in statement.constraints]
     short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_SHOWN_OPERATIONS]
     if short:
         yield "the energies, forces and constraints", writer.under("Stated", short)
     for name, what in rows:
         if (size := int(what.count_ops())) > MOST_SHOWN_OPERATIONS:
             yield "", left_out(_called(name), f"it has {size} operations", INSTEAD)
-    for known in statement.known_motions:
-        if isinstance(known, str):
-            yield "a given motion", markdown_text(known)
+    for motion in statement.known_motions:
+        if isinstance(motion, str):
+            yield "a given motion", markdown_text(motion)
 
 
 def _called(quantity: Any) -> str:

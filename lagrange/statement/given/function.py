@@ -127,12 +127,12 @@ def _put_in(
         derivative = motion.derivative if motion is not None and known_values else open_values(function)
         for order in range(statement.highest(function) + 1):
             value = derivative(order)
-            known = {p: by_name[p.name] for p in value.free_symbols if p.name in by_name and p not in symbols}
-            table[sympy.Derivative(function, (t, order)) if order else function] = value.xreplace(known)
+            replaced = {p: by_name[p.name] for p in value.free_symbols if p.name in by_name and p not in symbols}
+            table[sympy.Derivative(function, (t, order)) if order else function] = value.xreplace(replaced)
 
     def put(expression: Any) -> Any:
-        known = expression.xreplace(table)
-        return _written_out(known, symbols) if statement.unknown else known
+        replaced = expression.xreplace(table)
+        return _written_out(replaced, symbols) if statement.unknown else replaced
 
     return replace(
         statement.mapped(put),
@@ -192,8 +192,8 @@ def require_formulas(statement: Statement) -> None:
 
 def open_functions(statement: Statement) -> list[Any]:
     """Return the given functions of a statement that have no values."""
-    known = [(function, motion_of(function)) for function in statement.given]
-    return [function for function, motion in known if motion is None or motion.values is None]
+    motions = [(function, motion_of(function)) for function in statement.given]
+    return [function for function, motion in motions if motion is None or motion.values is None]
 
 
 def check_span(statement: Statement, t0: float, t1: float) -> None:
@@ -225,7 +225,7 @@ def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]
     expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
     expressions += tuple(constraint.expression for constraint in statement.constraints)
     nodes = [sorted(expression.atoms(sympy.Piecewise), key=sympy.default_sort_key) for expression in expressions]
-    tables = [(node, found) for node in dict.fromkeys(chain(*nodes)) if (found := table_range(node))]
+    tables = [(node, bounds) for node in dict.fromkeys(chain(*nodes)) if (bounds := table_range(node))]
     if not tables:
         return statement, ()
     taken = {*statement.names, *(p.name for p in statement.parameters)}

@@ -26,8 +26,8 @@ MOST_TABLE_POINTS = 200
 at each."""
 
 OVERHANG = 1e-3
-"""Fraction of the outer intervals by which the outer cubics extend beyond the ends. Points there are ends that were
-rounded, or ends of a finite difference."""
+"""Fraction of the outer intervals by which the outer cubics extend beyond the ends. Rounding and finite
+differences at an end lead to such arguments."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     plain = {part: sympy.Symbol(name_of(part)) for part in variable.atoms(AppliedUndef)}
     plain |= {part: sympy.Symbol(f"{name_of(part.expr)}_dot") for part in variable.atoms(sympy.Derivative)}
     name = formula(variable.xreplace(plain), 40)
-    found = checked_table(f"the table over {name}", (points, values), "points")
-    if found not in _LATEST:
-        _LATEST.append(found)
-    return spline(found, 0, variable)
+    tabulated = checked_table(f"the table over {name}", (points, values), "points")
+    if tabulated not in _LATEST:
+        _LATEST.append(tabulated)
+    return spline(tabulated, 0, variable)
 
 
 _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
@@ -81,9 +81,9 @@ def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
 
     Only recently made tables are known. `node` must be exactly their spline.
     """
-    found = table_range(node)
-    same = [table for table in tuple(_LATEST) if found and _ends(table) == found[1:]]
-    return next(((found[0], table) for table in same if found and spline(table, 0, found[0]) == node), None)
+    bounds = table_range(node)
+    same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
+    return next(((bounds[0], table) for table in same if bounds and spline(table, 0, bounds[0]) == node), None)
 
 
 def _ends(table: TabulatedFunction) -> tuple[float, float]:
@@ -102,22 +102,25 @@ def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Tabul
         raise StatementError(f"{what} is an array without entries: give {both}.")
     if len(columns) != 2:
         raise StatementError(f"{what} has {len(columns)} columns: give {both}.")
-    places, values = real_array(columns[0], f"the {points} of {what}"), real_array(columns[1], f"the values of {what}")
-    if places.ndim != 1 or values.shape != places.shape or not np.isfinite([places, values]).all():
+    arguments, values = (
+        real_array(columns[0], f"the {points} of {what}"),
+        real_array(columns[1], f"the values of {what}"),
+    )
+    if arguments.ndim != 1 or values.shape != arguments.shape or not np.isfinite([arguments, values]).all():
         raise StatementError(
-            f"{what} has {points} of shape {places.shape} and values of shape {values.shape}: give two lists of finite "
-            "numbers, of one length."
+            f"{what} has {points} of shape {arguments.shape} and values of shape {values.shape}: give two lists of "
+            "finite numbers, of one length."
         )
-    if not FEWEST_TABLE_POINTS <= len(places) <= MOST_TABLE_POINTS:
+    if not FEWEST_TABLE_POINTS <= len(arguments) <= MOST_TABLE_POINTS:
         raise StatementError(
-            f"{what} has {len(places)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "
+            f"{what} has {len(arguments)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "
             "Thin a longer table out, or fit an expression."
         )
-    falls = np.flatnonzero(np.diff(places) <= 0)
+    falls = np.flatnonzero(np.diff(arguments) <= 0)
     if len(falls):
-        first, second = places[falls[0]], places[falls[0] + 1]
+        first, second = arguments[falls[0]], arguments[falls[0] + 1]
         raise StatementError(f"the {points} of {what} go from {first:g} to {second:g}: give {points} that rise.")
-    return TabulatedFunction(tuple(map(float, places)), tuple(map(float, values)))
+    return TabulatedFunction(tuple(map(float, arguments)), tuple(map(float, values)))
 
 
 @lru_cache(maxsize=256)
@@ -154,7 +157,7 @@ def table_range(node: Any) -> tuple[Any, float, float] | None:
 
 def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
     """Yield (argument, first point, last point) of each table in an expression."""
-    yield from (found for node in expression.atoms(sympy.Piecewise) if (found := table_range(node)) is not None)
+    yield from (bounds for node in expression.atoms(sympy.Piecewise) if (bounds := table_range(node)) is not None)
 
 
 MARK = "motion"

@@ -160,11 +160,11 @@ class Reader:
 
     @property
     def token(self) -> Token:
-        """The next token, which is not taken yet."""
+        """The next token, which is not consumed."""
         return self.tokens[self.place]
 
     def take(self) -> Token:
-        """Return the next token and go on to the one after it."""
+        """Consume the next token and return it."""
         self.place += 1
         return self.tokens[self.place - 1]
 

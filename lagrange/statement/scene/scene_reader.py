@@ -51,7 +51,7 @@ KEYS = (
     "surfaces",
 )
 OPEN = "open"
-"""Value of a parameter or a given function without one."""
+"""Text in a scene for a parameter or a given function that has no value."""
 NO_SIGN = "none"
 """Sign of a parameter about which SymPy assumes nothing; without an entry in [signs] a parameter is real."""
 TABLE_KEYS = ("argument", "points", "values")
@@ -110,7 +110,7 @@ class SceneDocument(Document):
 
     @contextmanager
     def located(self, *path: str | int, key: bool = False) -> Iterator[None]:
-        """Raise a StatementError inside as a SceneError at the value, or the key, of a path."""
+        """Turn a StatementError raised inside the block into a SceneError at the value, or the `key`, of a path."""
         try:
             yield
         except SceneError:
@@ -257,16 +257,16 @@ class SceneReader:
 
     def event(self, reader: ExpressionReader, i: int, table: Mapping[str, Any]) -> Event:
         """Return the event in table number i of [[events]]."""
-        place = ("events", i)
-        self.document.check_keys(table, EVENT_KEYS, "key of an event", *place)
+        path = ("events", i)
+        self.document.check_keys(table, EVENT_KEYS, "key of an event", *path)
         reset = table.get("reset", {})
         if "when" not in table or not isinstance(reset, Mapping):
             wrong = "reset is not a table of names and new values" if "when" in table else "there is no when"
-            self.document.refuse(f'{wrong}: write when = "y" and, if need be, reset = {{ y_dot = "-y_dot" }}.', *place)
-        when = self.document.equation(reader, *place, "when")
-        direction = self.document.number(*place, "direction") if "direction" in table else 0
-        values = {name: self.document.expression(reader, *place, "reset", name) for name in reset}
-        with self.document.located(*place):
+            self.document.refuse(f'{wrong}: write when = "y" and, if need be, reset = {{ y_dot = "-y_dot" }}.', *path)
+        when = self.document.equation(reader, *path, "when")
+        direction = self.document.number(*path, "direction") if "direction" in table else 0
+        values = {name: self.document.expression(reader, *path, "reset", name) for name in reset}
+        with self.document.located(*path):
             return event(when, direction=direction, terminal=table.get("terminal", False), reset=values)
 
     def title(self) -> str:
@@ -448,7 +448,7 @@ class SceneReader:
 
     def contacts(self, reader: ExpressionReader) -> dict[str, Contact]:
         """Return the contacts, each from a table [contacts.name]."""
-        found: dict[str, Contact] = {}
+        contacts: dict[str, Contact] = {}
         for name, entries in self.document.table("contacts").items():
             path = "contacts", name
             if not isinstance(entries, Mapping) or "gap" not in entries:
@@ -462,12 +462,12 @@ class SceneReader:
                     parts[key] = self.document.expression(reader, *path, key)
             with self.document.located(*path, key=True):
                 check_name(name, "contact")
-                found[name] = contact(**parts)
-        return found
+                contacts[name] = contact(**parts)
+        return contacts
 
     def surfaces(self, reader: ExpressionReader) -> dict[str, Any]:
         """Return the surfaces, each a list of expressions in `along`, like a position."""
-        found = {}
+        surfaces = {}
         for name, entries in self.document.table("surfaces").items():
             if not isinstance(entries, list):
                 self.document.refuse(
@@ -475,8 +475,8 @@ class SceneReader:
                     "surfaces",
                     name,
                 )
-            found[name] = tuple(self.document.expression(reader, "surfaces", name, i) for i in range(len(entries)))
-        return found
+            surfaces[name] = tuple(self.document.expression(reader, "surfaces", name, i) for i in range(len(entries)))
+        return surfaces
 
     def redundant(self) -> str:
         """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""
@@ -520,8 +520,8 @@ class SceneReader:
             if body:
                 points[name] = self.shape(reader, entries, rotations, "positions", name)
             else:
-                place = ("positions", name)
-                points[name] = tuple(self.document.expression(reader, *place, i) for i in range(len(entries)))
+                path = ("positions", name)
+                points[name] = tuple(self.document.expression(reader, *path, i) for i in range(len(entries)))
         return points
 
     def shape(

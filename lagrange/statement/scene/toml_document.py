@@ -183,14 +183,14 @@ class Document:
         """
         keys, values = self._places
         offset = 0
-        for known in (path[:length] for length in range(len(path), 0, -1)):
-            if known in keys or known in values:
-                offset = keys.get(known, 0) if key or known not in values else values[known]
+        for ancestor in (path[:length] for length in range(len(path), 0, -1)):
+            if ancestor in keys or ancestor in values:
+                offset = keys.get(ancestor, 0) if key or ancestor not in values else values[ancestor]
                 break
         if column is not None and path in values:
             offset = inside(self.content, offset, column)
-        line, place = line_and_column(self.content, offset)
-        raise SceneError(reason, file=self.file, line=line, column=place)
+        line, column_number = line_and_column(self.content, offset)
+        raise SceneError(reason, file=self.file, line=line, column=column_number)
 
     def check_keys(self, table: Mapping[str, Any], known: Collection[str], what: str, *path: str | int) -> None:
         """Raise SceneError for a key of the table at `path` that is not in `known`."""

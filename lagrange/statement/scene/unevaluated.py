@@ -41,7 +41,7 @@ _CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
-    """A guard of expressions that SymPy evaluates later, where their `replaced` leaves are replaced by others.
+    """Checks unevaluated expressions. SymPy evaluates them later, when their leaves `replaced` are replaced.
 
     It refuses powers of constants that are computed from several numbers, such as (9**9)**9, and functions of replaced
     leaves that SymPy would take too long to evaluate. `branched` are the parts that contain a Piecewise.

@@ -315,8 +315,8 @@ class _SceneWriter:
                 self.leaves[symbol] = f"{MULTIPLIER}({constraint})"
         self.measured = dict(self.named_tables(taken))
         self.shared = SharedText(self.roots(), self.leaves, (*taken, *self.measured))
-        own = {leaf: text for leaf, text in self.leaves.items() if leaf.is_Symbol}
-        self.alone = SharedText((), own, taken)
+        symbol_texts = {leaf: text for leaf, text in self.leaves.items() if leaf.is_Symbol}
+        self.alone = SharedText((), symbol_texts, taken)
 
     def roots(self) -> list[Any]:
         """Return all expressions of the statement, in the order in which they are written."""

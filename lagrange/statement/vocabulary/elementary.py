@@ -29,7 +29,7 @@ class Elementary:
     `lagrange.program.recurrence` states its coefficients. It is `odd` or `even` or neither. `exact` is an argument with
     its value, both whole, and `pole` the value at zero if that is infinite. `size` is "bounded" by 1, or "unit" for a
     dimensionless argument or value that may cancel. `spread` is the cause of lost digits: a "periodic" argument, or a
-    "growing" value. It has a value `everywhere`, or for some numbers alone.
+    "growing" value. `everywhere` is true if every number has a value.
     """
 
     name: str
@@ -61,8 +61,8 @@ class Elementary:
     @cached_property
     def of_float(self) -> Callable[[float], float]:
         """The function of Python, which raises where it has no finite value."""
-        found: Callable[[float], float] = getattr(math, self.name)
-        return found
+        function: Callable[[float], float] = getattr(math, self.name)
+        return function
 
     @cached_property
     def of_array(self) -> Callable[..., Any]:
@@ -81,8 +81,8 @@ class Elementary:
     @cached_property
     def precise(self) -> Callable[..., Any]:
         """The function of mpmath on its raw numbers, with a precision."""
-        found: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
-        return found
+        function: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
+        return function
 
 
 def _call(name: str) -> Rule:
