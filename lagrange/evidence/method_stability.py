@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError
 from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.actions import LAWS, Combination, LawCall, Solve
 from lagrange.program.step import StepProgram
@@ -44,10 +44,6 @@ class Stability:
 
     real: float
     imaginary: float
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.real, float) and isinstance(self.imaginary, float)):
-            raise StatementError(f"the intervals are {shown((self.real, self.imaginary))}: give two floats.")
 
     def __repr__(self) -> str:
         return f"<Stability: to {self.real:.6g} on the negative real, {self.imaginary:.6g} on the imaginary axis>"

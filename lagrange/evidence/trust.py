@@ -11,13 +11,13 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
-from lagrange.machine.model import Model
+from lagrange.machine.model import Model, Stated
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.run import span_or_end, trajectory_of
+from lagrange.trajectory.run import compiled, span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DEFAULT_DIGITS = 22
@@ -263,14 +263,6 @@ class TrustHorizon:
     bounds: FloatArray
     witnesses: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        for name in ("time", "error"):
-            object.__setattr__(self, name, real_number(getattr(self, name), name))
-        for name in ("relative", "complete"):
-            flag(getattr(self, name), name)
-        if not real_array(self.times, "times").shape == real_array(self.bounds, "bounds").shape != (0,):
-            raise StatementError("a trust horizon needs as many bounds as times: call lg.trust_horizon().")
-
     def __float__(self) -> float:
         return self.time
 
@@ -282,7 +274,7 @@ class TrustHorizon:
 
 
 def trust_horizon(
-    system: Any,
+    system: Stated | Model,
     span: float | Sequence[float],
     initial: Mapping[Any, Any] | None = None,
     *,
@@ -302,7 +294,7 @@ def trust_horizon(
 
     Raises StatementError for invalid arguments, and RunError if fewer than two comparison runs succeed.
     """
-    model = _compiled(system)
+    model = compiled(system, "double-pendulum")
     check_without_contacts(model.statement.contacts, "the horizon of trust")
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
@@ -338,18 +330,6 @@ def trust_horizon(
         bounds=bounds,
         witnesses=tuple(witnesses),
     )
-
-
-def _compiled(system: Any) -> Model:
-    if isinstance(system, Model):
-        return system
-    make = None if isinstance(system, type) else getattr(system, "compile", None)  # lg.System itself is not a system
-    model = make() if callable(make) else None
-    if not isinstance(model, Model):
-        raise StatementError(
-            f"{shown(system)} is not a system: give an lg.System, such as lg.scene('double-pendulum')."
-        )
-    return model
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:

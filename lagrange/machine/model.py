@@ -68,10 +68,6 @@ class Model:
     """
 
     def __init__(self, statement: Statement, equations: Equations, made: KernelProvider) -> None:
-        if not (
-            isinstance(statement, Statement) and isinstance(equations, Equations) and isinstance(made, KernelProvider)
-        ):
-            raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
         self.statement, self.equations, self.layout = statement, equations, equations.layout
         self._made, self._values = made, ParameterValues(statement)
         self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)

@@ -21,7 +21,7 @@ from lagrange.dynamics.runs import Runs, depends_on_time
 from lagrange.dynamics.section import SectionData, point_counts, surface
 from lagrange.dynamics.section import section as section_of
 from lagrange.dynamics.sweep import SweepData, parameter_of, sweep, values_of, with_value
-from lagrange.errors import StatementError, counted, listing, shown
+from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.modes import Modes
 from lagrange.show.figures.dynamics_figures import plot_branches, plot_portrait, plot_section, plot_sweep
@@ -205,9 +205,6 @@ _Record = TypeVar("_Record")
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
     """Return the record `data` as `kind`, a subclass that can draw itself."""
-    base = next((base for base in kind.__mro__ if type(data) is base), None)
-    if base is None:
-        raise StatementError(f"a {kind.__name__} is made of what was computed, not of {shown(data)}.")
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import StatementError, UnknownKey, counted, listing, shown, suggestion
+from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
 from lagrange.machine.model import Model, Stated
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
 from lagrange.members.job import Job
@@ -52,7 +52,7 @@ from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import flag_or_word, real_number, whole_number
+from lagrange.statement.number import flag_or_word, whole_number
 from lagrange.statement.progress import LINES, compiling, counter
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions
@@ -93,14 +93,6 @@ class Ensemble:
     ran: int
     wall: float
     explain: Callable[[int], Explained]
-
-    def __post_init__(self) -> None:
-        kinds = ("table", MemberTable), ("results", MemberResults), ("problem", Problem), ("columns", tuple)
-        for name, kind in kinds:
-            if not isinstance(getattr(self, name), kind):
-                raise StatementError(f"an ensemble is made by lg.ensemble(), not of {shown(getattr(self, name))}.")
-        for name in ("ran", "wall"):
-            real_number(getattr(self, name), name)
 
     def __len__(self) -> int:
         return len(self.table)

@@ -27,8 +27,8 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import flag, real_number
-from lagrange.trajectory.run import compiled, time_span
+from lagrange.statement.number import real_number
+from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -175,12 +175,6 @@ class Race:
     system: str
     span: tuple[float, float]
     relative: bool = False
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.result, Result):
-            raise StatementError(f"a race is made by lg.race(), not of {shown(self.result)}.")
-        time_span(self.span)
-        flag(self.relative, "relative")
 
     def __len__(self) -> int:
         return len(self.result.entries)

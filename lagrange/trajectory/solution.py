@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sympy import MatrixBase
 
-from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
+from lagrange.errors import LagrangeError, RunError, StatementError, listing, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
@@ -48,13 +48,6 @@ class Solution:
     trajectory: Trajectory
     model: Model
     parameters: Mapping[Any, float]
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.trajectory, Trajectory) or not isinstance(self.model, Model):
-            raise StatementError(
-                f"a solution is made by system.run() or lg.integrate(), not of {shown(self.trajectory)} and "
-                f"{shown(self.model)}."
-            )
 
     @property
     def t(self) -> FloatArray:

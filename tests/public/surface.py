@@ -181,11 +181,15 @@ def is_made(kind: type) -> bool:
 SPECIAL = ("__call__", "__getitem__")
 
 
+RESULTS = lg.Model, lg.Solution, lg.Race, lg.Ensemble, lg.TrustHorizon, lg.methods.Stability
+"""Classes that functions return and nobody else makes: their constructors do not look at what they are given."""
+
+
 def surface() -> list[Public]:
-    """Return every public callable: functions, constructors, methods and class methods."""
+    """Return every public callable: functions, constructors but those of `RESULTS`, methods and class methods."""
     found = []
     for name, value in exported().items():
-        if callable(value) and (not isinstance(value, type) or is_made(value)):
+        if callable(value) and value not in RESULTS and (not isinstance(value, type) or is_made(value)):
             found.append(Public(name, partial(itself, value), parameters(value)))
     for kind in classes():
         for name, member in inspect.getmembers(kind, callable):
@@ -360,7 +364,6 @@ OWN: dict[str, dict[str, Any]] = {
     "lg.sample": {"ranges": {"x": (0.0, 1.0)}, "count": 4, "method": "sobol"},
     "lg.Claims": {"events": True, "dense": 3},
     "lg.Trajectory": {"t": [0.0, 0.1], "y": np.zeros((4, 2))},
-    "lg.Stability": {"real": 1.0, "imaginary": 1.0},
     "lg.methods.ButcherTableau": {"order": 2, "A": ((), (0.5,)), "b": (0, 1), "error": None, "dense": None},
     "lg.methods.ImplicitMethod": {"path": None},
     "lg.scene": {"name": "pendulum"},

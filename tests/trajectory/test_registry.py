@@ -436,9 +436,6 @@ def test_a_tolerance_of_zero_is_one() -> None:
         (lambda: made.methods.RK4().integrate(3), "rk4 cannot run 3: give an lg.Problem"),
         (lambda: made.methods.plot_stability("rk4", left=1, right=0), "give left < right and top > 0"),
         (lambda: made.methods.growth("rk4", ["a"]), "z has entries of type <U1: give numbers"),
-        (lambda: made.Model("x", "y", "z"), "a model is made by system.compile()"),
-        (lambda: made.Solution(1, 2, 3), "a solution is made by system.run() or lg.integrate()"),
-        (lambda: made.Race(1, "a", (0, 1)), "a race is made by lg.race()"),
         (lambda: made.System.from_statement("x"), "'x' is not a statement: give the .statement of a system"),
     ],
 )  # fmt: skip
