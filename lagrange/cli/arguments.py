@@ -129,7 +129,7 @@ def load_scene(scene: str) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return a folder to write to, created if missing. Remains of a killed run are removed from it.
+    """Return a folder to write to, created if missing.
 
     Raises StatementError for a folder that cannot be used.
     """
@@ -145,32 +145,33 @@ def folder(name: str) -> Path:
     return path
 
 
+def entries(option: str, given: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
+    """Return the parts between colons of a repeated option by name, such as l: 0.5, 2 for `--slider l=0.5:2`.
+
+    `form` is the form after the equals sign, such as LOW:HIGH, and `example` an option that has it.
+    """
+    found: dict[str, list[str]] = {}
+    for text in given:
+        name, equals, rest = text.partition("=")
+        name, parts = name.strip(), [part.strip() for part in rest.split(":")]
+        if not (name and equals) or len(parts) != len(form.split(":")):
+            raise StatementError(f"{option} {text[:80]}: write NAME={form}, such as {option} {example}.")
+        if name in found:
+            raise StatementError(f"{option} gives {name[:80]} twice: give it once.")
+        found[name] = parts
+    return found
+
+
 def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
     """Return the values of a repeated option NAME=VALUE, by name."""
-    values: dict[str, float] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        if not (name.strip() and equals):
-            raise StatementError(f"{option} {text[:80]}: write NAME=VALUE, such as {option} m=2.")
-        if name.strip() in values:
-            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
-        values[name.strip()] = number(f"{option} {name.strip()}", value.strip())
-    return values
+    stated = entries(option, given, "VALUE", "m=2")
+    return {name: number(f"{option} {name}", value) for name, (value,) in stated.items()}
 
 
 def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return the bounds of a repeated option NAME=LOW:HIGH, by name."""
-    ranges: dict[str, tuple[float, float]] = {}
-    for text in given:
-        name, equals, pair = text.partition("=")
-        low, colon, high = pair.partition(":")
-        if not (name.strip() and equals and colon):
-            raise StatementError(f"{option} {text[:80]}: write NAME=LOW:HIGH, such as {option} l=0.5:2.")
-        if name.strip() in ranges:
-            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
-        least, most = (number(f"{option} {name.strip()}", one.strip()) for one in (low, high))
-        ranges[name.strip()] = (least, most)
-    return ranges
+    stated = entries(option, given, "LOW:HIGH", "l=0.5:2").items()
+    return {name: (number(f"{option} {name}", low), number(f"{option} {name}", high)) for name, (low, high) in stated}
 
 
 def given_number(option: str, text: str | None) -> float | None:

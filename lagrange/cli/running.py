@@ -22,6 +22,7 @@ from lagrange.cli.arguments import (
     add_start,
     code_of,
     count,
+    entries,
     folder,
     given_number,
     load_scene,
@@ -37,7 +38,6 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble
-    from lagrange.system import System
 
 
 def add_run(commands: Any) -> None:
@@ -164,7 +164,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
     points = count("--points", request.points)
     system = load_scene(request.scene)
     varied = _varied(axes, {**begun["initial"], **begun["parameters"]})
-    kept = {text.strip(): _kept(system, text.strip()) for text in request.keep.split(",")}
+    kept = [text.strip() for text in request.keep.split(",")]
     what = _drawn(request, out, axes, [*dict.fromkeys([*axes, *system.statement.state_names, *_columns(kept)])], points)
     workers: Any = None if request.workers is None else number("--workers", request.workers)
     end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
@@ -172,7 +172,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
         system,
         end,
         varied,
-        keep=tuple(kept.values()),
+        keep=[tuple(text.split(":", 1)) if ":" in text else text for text in kept],
         t_eval=None if points is None else _times(end, points),
         workers=workers,
         store=out if out is not None and out.suffix.lower() == STORE else None,
@@ -237,22 +237,13 @@ def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
     """Return (low, high, count) of each varied quantity, by name."""
     if not given:
         raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
-    axes = dict(_axis(text) for text in given)
-    if len(axes) < len(given):
-        raise StatementError("--vary names something twice: give each name once.")
+    axes = {}
+    for name, (first, last, places) in entries("--vary", given, "LOW:HIGH:COUNT", "theta=-3:3:100").items():
+        low, high = number(f"--vary {name}", first), number(f"--vary {name}", last)
+        if not re.fullmatch(r"[0-9]{1,12}", places):
+            raise StatementError(f"--vary {name}: {places[:80]!r} is not a number of values. Write one such as 100.")
+        axes[name] = low, high, int(places)
     return axes
-
-
-def _axis(text: str) -> tuple[str, tuple[float, float, int]]:
-    """Return the name and (low, high, count) of an option such as theta=-3:3:100."""
-    name, _, rest = text.partition("=")
-    parts = rest.split(":")
-    if not name.strip() or len(parts) != 3 or not re.fullmatch(r"[0-9]{1,12}", parts[2].strip()):
-        raise StatementError(f"--vary {text[:80]}: write NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
-    low, high = (number(f"--vary {name.strip()}", part.strip()) for part in parts[:2])
-    if low > high:
-        raise StatementError(f"--vary {text[:80]}: it goes from {low:g} down to {high:g}. Write the lower end first.")
-    return name.strip(), (low, high, int(parts[2]))
 
 
 def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -> Any:
@@ -262,21 +253,7 @@ def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -
     return lg.grid({**{name: [value] for name, value in held.items()}, **axes})
 
 
-def _kept(system: System, text: str) -> Any:
-    """Return the `keep` entry for an option: a name, or a pair (reduction, name) for max:theta."""
-    how, colon, name = text.partition(":")
-    if not colon:
-        return text
-    known = system.statement.state_names
-    if name not in known:
-        raise StatementError(
-            f"--keep {text[:80]}: {name[:80]!r} is neither a coordinate nor a velocity of {system.name}; these are "
-            f"{listing(known)}.{suggestion(name[:80], known)}"
-        )
-    return how, name
-
-
-def _columns(kept: dict[str, Any]) -> list[str]:
+def _columns(kept: list[str]) -> list[str]:
     """Return the names of kept quantities that can be drawn."""
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
     return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
