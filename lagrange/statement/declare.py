@@ -337,10 +337,14 @@ def _check_velocities(
     )
 
 
+def check_redundant(given: Any) -> str:
+    """Return the treatment of constraints that follow from others. Raises StatementError for another word."""
+    return one_of(given, REDUNDANT, "redundant is {given}: give one of {known}.")
+
+
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
     """Raise StatementError for more constraints than coordinates, unless redundant ones are allowed."""
-    one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
-    if redundant == REFUSE and len(constraints) > len(coordinates):
+    if check_redundant(redundant) == REFUSE and len(constraints) > len(coordinates):
         names = listing(name_of(q) for q in coordinates)
         many = "coordinates" if len(coordinates) > 1 else "coordinate"
         raise StatementError(
@@ -411,9 +415,7 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[st
         else:
             table[label] = point
     for label, point in table.items():
-        what = f"the position of {check_name(label, 'point')}"
-        if label == ORIGIN:
-            raise StatementError("'origin' is the point at zero already: choose another name.")
+        what = f"the position of {check_point(label)}"
         if not _has_length(point, 2, 3):
             raise StatementError(f"{what} is {shown(point)}: give two or three expressions, (x, y) or (x, y, z).")
         points[label] = tuple(expression(entry, what) for entry in point)
@@ -425,6 +427,13 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[st
             "three."
         )
     return points, tuple(edges)
+
+
+def check_point(name: Any) -> str:
+    """Return the name of a point. Raises StatementError for one that is malformed or taken."""
+    if name == ORIGIN:
+        raise StatementError("'origin' is the point at zero already: choose another name.")
+    return check_name(name, "point")
 
 
 def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
@@ -467,13 +476,15 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
                 f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "
                 "('origin', 'bob', 'spring')."
             )
-        start, end, *kind = link
-        for point in (start, end):
-            one_of(point, known, "links names {given}, which is not a position; they are {known}.")
-        for given_kind in kind:
-            one_of(given_kind, KINDS, "links has the kind {given}; the kinds are {known}.")
-        checked.append(Link(*map(str, link)))
+        checked.append(Link(*(link_part(place, part, known) for place, part in enumerate(link))))
     return tuple(checked)
+
+
+def link_part(place: int, given: Any, points: Iterable[str]) -> str:
+    """Return a part of a link: the name of one of the points, at places 0 and 1, or the kind of the link."""
+    if place < 2:
+        return one_of(given, points, "links names {given}, which is not a position; they are {known}.")
+    return one_of(given, KINDS, "links has the kind {given}; the kinds are {known}.")
 
 
 def _has_length(value: Any, *lengths: int) -> bool:

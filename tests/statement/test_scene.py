@@ -182,9 +182,9 @@ FIELDS: list[Bad] = [
     ({"links": [["origin"]]}, 9, 10, "a link is a pair of points"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
     ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
-    ({"links": [["origin", 3]]}, 9, 21, "links names an integer, which is not a position"),
-    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links names 'sprung', which is not a kind of link; they are"),
-    ({"links": [["origin", "bob", 3]]}, 9, 28, "links names an integer, which is not a kind of link; they are rod,"),
+    ({"links": [["origin", 3]]}, 9, 21, "links names 3, which is not a position"),
+    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links has the kind 'sprung'; the kinds are"),
+    ({"links": [["origin", "bob", 3]]}, 9, 28, "links has the kind 3; the kinds are rod,"),
     # run
     ({"run": {"tend": 1}}, 10, 8, "'tend' is not a setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),

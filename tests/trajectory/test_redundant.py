@@ -130,7 +130,7 @@ def test_a_scene_may_allow_them(tmp_path: Path) -> None:
     path.write_text(scene.format('"allow"') + lines)
     assert len(lg.System.from_scene(path).laws.constraints) == 1
     path.write_text(scene.format('"yes"') + lines)
-    with pytest.raises(SceneError, match="redundant is a text: write one of refuse and allow"):
+    with pytest.raises(SceneError, match="redundant is 'yes': give one of refuse and allow"):
         lg.System.from_scene(path)
 
 

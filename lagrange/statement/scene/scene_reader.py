@@ -15,7 +15,7 @@ import sympy
 from sympy.core.assumptions import _assume_defined
 from sympy.core.facts import InconsistentAssumptions
 
-from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
+from lagrange.errors import SceneError, StatementError, listing, shown
 from lagrange.statement.contact import Contact, along, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
@@ -26,7 +26,7 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.declare import ORIGIN, declare
+from lagrange.statement.declare import ORIGIN, check_point, check_redundant, declare, link_part
 from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.expression import in_full
@@ -41,7 +41,7 @@ from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
 from lagrange.statement.shape import Shape, shape
-from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Statement
+from lagrange.statement.statement import REFUSE, Link, Statement
 from lagrange.statement.vocabulary.letters import NAME
 
 KEYS = (
@@ -480,10 +480,8 @@ class SceneReader:
 
     def redundant(self) -> str:
         """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""
-        choice: Any = self.data.get("redundant", REFUSE)
-        if not isinstance(choice, str) or choice not in REDUNDANT:
-            self.document.refuse(f"redundant is {kind_of(choice)}: write one of {listing(REDUNDANT)}.", "redundant")
-        return str(choice)
+        with self.document.located("redundant"):
+            return check_redundant(self.data.get("redundant", REFUSE))
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
         """Return the dimensions or units by name, None if the scene states none."""
@@ -500,11 +498,7 @@ class SceneReader:
         table = self.document.table("positions")
         for name, entries in table.items():
             with self.document.located("positions", name, key=True):
-                check_name(name, "point")
-            if name == ORIGIN:
-                self.document.refuse(
-                    "'origin' is the point at zero already: choose another name.", "positions", name, key=True
-                )
+                check_point(name)
             body = isinstance(entries, Mapping)
             if not body and (not isinstance(entries, list) or len(entries) not in (2, 3)):
                 self.document.refuse(
@@ -565,14 +559,9 @@ class SceneReader:
                 self.document.refuse(
                     'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
                 )
-            for j, word in enumerate(link):
-                allowed, what = (known, "position") if j < 2 else (KINDS, "kind of link")
-                if word not in allowed:
-                    shown = repr(word[:80]) if isinstance(word, str) else kind_of(word)
-                    hint = suggestion(word[:80], allowed) if isinstance(word, str) else ""
-                    self.document.refuse(
-                        f"links names {shown}, which is not a {what}; they are {listing(allowed)}.{hint}", "links", i, j
-                    )
+            for place, part in enumerate(link):
+                with self.document.located("links", i, place):
+                    link_part(place, part, known)
         return [Link(*link) for link in links]
 
     def run(self) -> RunSettings:
