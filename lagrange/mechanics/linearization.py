@@ -314,7 +314,25 @@ class ConstrainedEquations:
         return replace(self, **{name: getattr(self, name).applyfunc(in_decimals) for name in names})
 
 
-class AtPoint:
+class Shortened:
+    """Matrices of a system with n coordinates, whose entries a `shortener` keeps short."""
+
+    n: int
+    shortener: Shortener
+
+    def short(self, given: Any) -> Any:
+        """Return an expression in a short form, 0 where it vanishes."""
+        return self.shortener.short(given)
+
+    def product(self, *factors: Any) -> Any:
+        """Return the product of matrices, its entries in a short form."""
+        result = factors[0]
+        for factor in factors[1:]:
+            result = (result * factor).applyfunc(self.short)
+        return result
+
+
+class AtPoint(Shortened):
     """Evaluates expressions and graph nodes of a system at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
@@ -355,17 +373,6 @@ class AtPoint:
             "another point, or coordinates that are regular at it."
         )
 
-    def short(self, given: Any) -> Any:
-        """Return an expression in a short form, 0 where it vanishes."""
-        return self.shortener.short(given)
-
-    def product(self, *factors: Any) -> Any:
-        """Return the product of matrices, its entries in a short form."""
-        result = factors[0]
-        for factor in factors[1:]:
-            result = (result * factor).applyfunc(self.short)
-        return result
-
     def slopes(self, nodes: Iterable[Node], symbols: Sequence[Node]) -> list[list[Node]]:
         """Return the derivatives of nodes by symbols, a row for each node."""
         listed = list(nodes)
@@ -387,8 +394,8 @@ class AtPoint:
 class DependentCoordinates:
     """The m independent rows G of constraint gradients at a point, solved for m dependent coordinates."""
 
-    def __init__(self, here: AtPoint, rows: Rows) -> None:
-        self.here, gradient = here, here.matrix(rows, here.n)
+    def __init__(self, here: Shortened, gradient: Any) -> None:
+        self.here = here
         self.kept, self.dependent = _pivots(gradient)
         self.independent = [i for i in range(here.n) if i not in self.dependent]
         self.gradient = gradient.extract(self.kept, list(range(here.n)))
@@ -451,7 +458,7 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
     here = AtPoint(point)
     e, held = here.equations, here.equations.stated
     _check(here)
-    speeds, mass = DependentCoordinates(here, held.gradient), here.matrix(e.mass, here.n)
+    speeds, mass = DependentCoordinates(here, here.matrix(held.gradient, here.n)), here.matrix(e.mass, here.n)
     if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
@@ -462,8 +469,8 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
         raise StatementError("the constraints leave no motion: there is nothing to linearise.")
     kept = held.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
-    places = DependentCoordinates(here, holonomic)
-    N, B, product = speeds.null_space, places.null_space, here.product
+    places = DependentCoordinates(here, here.matrix(holonomic, here.n))
+    N, product = speeds.null_space, here.product
     reduced = product(N.T, mass, N)
     rest = here.matrix([[h] for h in e.bias], 1)
     carried = speeds.solved(here.matrix([[gamma] for gamma in kept.bias], 1))
@@ -476,24 +483,48 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
     p, g_rate, p_rate, phi_rate = (
         here.matrix(rows, here.n) for rows in (P, here.rates(kept.gradient), here.rates(P), here.rates(holonomic))
     )
-    L = speeds.solved(product(p, B))
-    N_rate, B_rate = speeds.solved(product(g_rate, N)), places.solved(product(phi_rate, B))
-    L_rate = speeds.solved(product(g_rate, L) + product(p_rate, B) + product(p, B_rate))
-    N_rows, L_rows = (x.extract(places.independent, list(range(x.cols))) for x in (N, L))
+    motion = TangentMotion(speeds, places, p, (g_rate, p_rate, phi_rate))
     damping, stiffness = (here.matrix(here.slopes(residuals, x), here.n) for x in (e.v, e.q))
     inputs = [e.translate(u) for u in point.inputs]
+    C, K = motion.reduced(mass, damping, stiffness)
     return ConstrainedEquations(
         M=reduced,
-        C=product(N.T, product(mass, N_rate + product(L, N_rows)) + product(damping, N)),
-        K=product(N.T, product(mass, L_rate + product(L, L_rows)) + product(damping, L) + product(stiffness, B)),
+        C=C,
+        K=K,
         input_matrix=product(-N.T, here.matrix(here.slopes(residuals, inputs), len(inputs))),
-        basis=B,
+        basis=motion.B,
         velocity_basis=N,
-        velocity_slope=L,
+        velocity_slope=motion.L,
         places=tuple(places.independent),
         speeds=tuple(speeds.independent),
         left=tuple(left),
     )
+
+
+class TangentMotion:
+    """Small motions on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
+
+    `speeds` and `places` are the dependent coordinates of the gradients G and of those of holonomic constraints. P has
+    the derivatives of constraints on velocities by places. `rates` are the rates of these three along the motion.
+    """
+
+    def __init__(
+        self, speeds: DependentCoordinates, places: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
+    ) -> None:
+        product, (g_rate, p_rate, phi_rate) = speeds.here.product, rates
+        self.product, self.N, self.B = product, speeds.null_space, places.null_space
+        self.L = speeds.solved(product(P, self.B))
+        N_rate, B_rate = speeds.solved(product(g_rate, self.N)), places.solved(product(phi_rate, self.B))
+        L_rate = speeds.solved(product(g_rate, self.L) + product(p_rate, self.B) + product(P, B_rate))
+        N_rows, L_rows = (x.extract(places.independent, list(range(x.cols))) for x in (self.N, self.L))
+        self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
+
+    def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
+        """Return C and K in z and u, from the mass, damping and stiffness of all coordinates."""
+        product, L = self.product, self.L
+        C = product(mass, self.turned) + product(damping, self.N)
+        K = product(mass, self.bent) + product(damping, L) + product(stiffness, self.B)
+        return product(self.N.T, C), product(self.N.T, K)
 
 
 def _check(here: AtPoint) -> None:

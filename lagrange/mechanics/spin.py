@@ -3,6 +3,7 @@
 With the residual r of the equations of a derivation, M = dr/da, C = dr/dv and K = dr/dx. Small turns x change the rates
 w of a body by x' + w x x, and its accelerations by x'' + w x x' + w' x x. With the matrices W and W' of these products,
 M x'' + (M W + C) x' + (M W' + C W + K) x = 0. A body that spins steadily has constant matrices.
+Constraints psi = 0 on rates have the gradient G by rates, and G x' + (dpsi/dx + G W) x = 0; see `linearization`.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import FAULT, RunError, StatementError
+from lagrange.errors import FAULT, RunError, StatementError, formula
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.expansion import stated_values, with_inputs_as_parameters
-from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.expansion import BALANCED_FORCE, stated_values, with_inputs_as_parameters
+from lagrange.mechanics.linearization import DependentCoordinates, Linearization, Shortened, TangentMotion
 from lagrange.mechanics.linearization import linearized as in_coordinates
-from lagrange.mechanics.plain_form import numeric, simplest
-from lagrange.statement.coordinate import acceleration_of, t, velocity_of
+from lagrange.mechanics.plain_form import Shortener, number, numeric, simplest, vanishes_in_symbols
+from lagrange.statement.coordinate import acceleration_of, multiplier, t, velocity_of
 from lagrange.statement.given.function import require_values
 from lagrange.statement.rotation import Rotation, rotation_of
 from lagrange.statement.space import body_rates, cross_matrix, matrix_of, velocities_at, x, y, z
@@ -35,10 +36,10 @@ LARGEST_DIFFERENCE = 1e-7
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     """Return the linearization of a system, compared with its compiled model; see `lagrange.System.linearize`.
 
-    A system with rotations has it in small turns, unless constraints hold it at rest. Raises StatementError for a
-    singular mass matrix.
+    A system with rotations has it in small turns. Raises StatementError for a singular mass matrix, and for a point
+    off the constraints.
     """
-    if system.statement.reading is None or system.statement.constraints:
+    if system.statement.reading is None:
         return in_coordinates(system, at, inputs)
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
@@ -49,7 +50,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     return found
 
 
-class _InTurns:
+class _InTurns(Shortened):
     """The equations of a derivation at a point, and their derivatives there."""
 
     def __init__(self, system: Stated, at: Any, inputs: Any) -> None:
@@ -59,19 +60,24 @@ class _InTurns:
         self.n = len(self.read.coordinates)
         self.velocities = tuple(map(velocity_of, self.read.coordinates))
         self.second = tuple(map(acceleration_of, self.read.coordinates))
+        self.forces = tuple(multiplier(each.name) for each in self.read.constraints)
+        self.shortener = Shortener(
+            f"the linear equations of {self.statement.name} about this point", vanishes_in_symbols
+        )
         self.here = {leaf: self.values.get(leaf, sympy.S.Zero) for leaf in (*self.read.coordinates, *self.velocities)}
         self.here |= {u: self.values.get(u, sympy.S.Zero) for u in self.inputs}
         for _, each in self.bodies():
             q, v = self.quaternion(each)
             self.here |= dict(zip(map(velocity_of, each.turns), body_rates(q, v), strict=True))
             self.here |= dict(zip(each.matrix, chain(*matrix_of(q)), strict=True))
-        leaves = (*self.here, *self.second)
+        leaves = (*self.here, *self.second, *self.forces)
         self.symbols = {leaf: sympy.Dummy() for leaf in leaves}
-        laws = system.derivation().equations
+        laws = system.derivation().equations[: self.n]
         self.laws = [(law.lhs - law.rhs).xreplace(self.symbols) for law in laws]
-        still = dict.fromkeys(self.second, sympy.S.Zero)
-        self.mass = self.slopes(self.second, still)
-        self.rest = sympy.Matrix([self.value(law, still) for law in self.laws])
+        self.still = dict.fromkeys((*self.second, *self.forces), sympy.S.Zero)
+        self.mass = self.slopes(self.second, self.still)
+        self.rest = sympy.Matrix([self.value(law, self.still) for law in self.laws])
+        self.constrain()
 
     def bodies(self) -> Iterator[tuple[int, Rotation]]:
         """Yield each rotation with the index of its first turn among the coordinates."""
@@ -87,20 +93,117 @@ class _InTurns:
         table = {self.symbols[leaf]: value for leaf, value in (*self.here.items(), *more.items())}
         return simplest(expression.xreplace(table))
 
+    @property
+    def decimal(self) -> bool:
+        """True if the point contains decimals. It then holds only for the present values of the parameters."""
+        return any(value.has(sympy.Float) for value in self.values.values())
+
+    def is_zero(self, *given: Any) -> bool:
+        """Return whether expressions in parameters are zero; at a point in decimals to eight digits, with values."""
+        values = dict.fromkeys(self.statement.parameters, 1.0) | dict(self.statement.defaults)
+        return all(
+            abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.short(each) == 0 for each in given
+        )
+
     def slopes(self, leaves: Sequence[Any], more: Mapping[Any, Any]) -> Any:
         """Return the derivatives of the residuals by some leaves at the point, (n, number of leaves)."""
         rows = [[self.value(law.diff(self.symbols[leaf]), more) for leaf in leaves] for law in self.laws]
         return sympy.Matrix(self.n, len(leaves), list(chain(*rows)))
 
+    def changes(self, expression: Any) -> list[Any]:
+        """Return the derivatives of an expression in `symbols` by the coordinates and along small turns, n of them."""
+        made = [expression.diff(self.symbols[q]) for q in self.read.coordinates]
+        for first, each in self.bodies():
+            place = each.matrix.applyfunc(self.symbols.__getitem__)
+            by_entry = [expression.diff(entry) for entry in place]
+            for k, unit in enumerate((x, y, z)):
+                made[first + k] = sympy.Add(
+                    *(slope * moved for slope, moved in zip(by_entry, place * cross_matrix(unit), strict=True))
+                )
+        return made
+
+    def rates(self, matrix: Any, accelerations: Any) -> Any:
+        """Return the time derivatives at the point of a matrix in `symbols`, along the motion."""
+        ahead = sympy.Dummy()
+        rates = dict(zip(self.read.coordinates, (self.here[v] for v in self.velocities), strict=True))
+        rates |= dict(zip(self.velocities, accelerations, strict=True))
+        for _, each in self.bodies():
+            place = each.matrix.applyfunc(self.here.__getitem__)
+            speeds = [self.here[velocity_of(turn)] for turn in each.turns]
+            rates |= dict(zip(each.matrix, place * cross_matrix(speeds), strict=True))
+        moved = {self.symbols[leaf]: value + ahead * rates.get(leaf, 0) for leaf, value in self.here.items()}
+        return matrix.applyfunc(
+            lambda entry: self.short(entry.xreplace(moved).diff(ahead).xreplace({ahead: sympy.S.Zero}))
+        )
+
+    def constrain(self) -> None:
+        """Set the gradients of the constraints, in `symbols`, and the independent coordinates and velocities.
+
+        Raises StatementError for a point that is not on the constraints.
+        """
+        held = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
+        places, speeds = [phi for c, phi in held if c.holonomic], [self.symbols[v] for v in self.velocities]
+        self.levels = [
+            sympy.Add(*(slope * v for slope, v in zip(self.changes(phi), speeds, strict=True))) if c.holonomic else phi
+            for c, phi in held
+        ]
+        for (c, phi), psi in zip(held, self.levels, strict=True):
+            if phi.has(t):
+                raise StatementError(f"the constraint {c.name!r} moves with time, and no point stays on it.")
+            pairs = ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities"))
+            for level, subject, names in pairs if c.holonomic else pairs[1:]:
+                if not self.is_zero(value := self.value(level, self.still)):
+                    raise StatementError(
+                        f"the {subject} not on the constraint {c.name!r}, which is {formula(value, 80)} there and not "
+                        f"zero: give values of all {names} in it."
+                    )
+        self.G = sympy.Matrix(len(held), self.n, [psi.diff(v) for psi in self.levels for v in speeds])
+        self.P = sympy.Matrix(len(held), self.n, list(chain(*map(self.changes, self.levels))))
+        self.P += self.G * self.swirl(speeds)
+        self.Phi = sympy.Matrix(len(places), self.n, list(chain(*map(self.changes, places))))
+        self.speeds, self.places = (
+            DependentCoordinates(self, self.at_point(gradient, self.still)) for gradient in (self.G, self.Phi)
+        )
+        if not self.speeds.independent:
+            raise StatementError("the constraints leave no motion: there is nothing to linearise.")
+        if len(self.speeds.kept) < len(held) and self.statement.redundant == "refuse":
+            raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
+
+    def at_point(self, matrix: Any, more: Mapping[Any, Any]) -> Any:
+        """Return a matrix in `symbols` at the point, with values of more leaves."""
+        return matrix.applyfunc(lambda entry: self.short(self.value(entry, more)))
+
     @cached_property
     def accelerations(self) -> Any:
         """The accelerations at the point, (n, 1)."""
-        if self.rest.is_zero_matrix:
-            return self.rest
-        determinant = simplest(self.mass.det(method="berkowitz"))
+        N, product = self.speeds.null_space, self.product
+        levels = sympy.Matrix(len(self.speeds.kept), 1, [self.levels[i] for i in self.speeds.kept])
+        carried = self.speeds.solved(self.rates(levels, [0] * self.n))
+        mass, left = product(N.T, self.mass, N), product(N.T, self.rest + self.mass * carried)
+        if left.is_zero_matrix:
+            return carried
+        determinant = simplest(mass.det(method="berkowitz"))
         if determinant == 0:
             raise StatementError("the mass matrix is singular at this point: choose another one.")
-        return (-self.mass.adjugate() * self.rest / determinant).applyfunc(simplest)
+        return carried - product(N, product(mass.adjugate(), left) / determinant)
+
+    @cached_property
+    def motion(self) -> dict[Any, Any]:
+        """The accelerations and multipliers at the point, by their leaves. Redundant constraints have no force."""
+        found = dict.fromkeys(self.forces, sympy.S.Zero) | dict(zip(self.second, self.accelerations, strict=True))
+        if self.speeds.kept:
+            sizes = self.speeds.balance(self.mass * self.accelerations + self.rest)
+            found |= {self.forces[i]: size for i, size in zip(self.speeds.kept, sizes, strict=True)}
+        return found
+
+    @cached_property
+    def tangent(self) -> TangentMotion:
+        """The small motions on the constraints."""
+        everywhere = list(range(self.n))
+        G, P = (each.extract(self.speeds.kept, everywhere) for each in (self.G, self.P))
+        Phi = self.Phi.extract(self.places.kept, everywhere)
+        g_rate, p_rate, phi_rate = (self.rates(each, self.accelerations) for each in (G, P, Phi))
+        return TangentMotion(self.speeds, self.places, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
 
     def swirl(self, column: Any) -> Any:
         """Return the matrix W (n, n) with W x = w x x for each body. `column` has w in the rows of the turns."""
@@ -111,36 +214,36 @@ class _InTurns:
 
     def stiffness(self, more: Mapping[Any, Any]) -> Any:
         """Return the derivatives of the residuals by coordinates and along turns, (n, n)."""
-        made = self.slopes(self.read.coordinates, more)
-        for first, each in self.bodies():
-            by_entry, place = self.slopes(list(each.matrix), more), each.matrix.applyfunc(self.here.__getitem__)
-            for k, unit in enumerate((x, y, z)):
-                made[:, first + k] = by_entry * (place * cross_matrix(unit)).reshape(9, 1)
-        return made
+        rows = [[self.value(change, more) for change in self.changes(law)] for law in self.laws]
+        return sympy.Matrix(self.n, self.n, list(chain(*rows)))
 
     def linearization(self) -> Linearization:
         """Return the linearization: the matrices M, C and K in small turns."""
-        more = dict(zip(self.second, self.accelerations, strict=True))
+        more, tangent = self.motion, self.tangent
         speeds = sympy.Matrix([self.here[v] for v in self.velocities])
         drag, slope = self.slopes(self.velocities, more), self.stiffness(more)
-        balanced = bool(self.accelerations.is_zero_matrix)
-        steady = balanced and bool((slope * speeds).applyfunc(simplest).is_zero_matrix)
-        swirl, change, eye = self.swirl(speeds), self.swirl(self.accelerations), sympy.eye(self.n)
+        swirl, change = self.swirl(speeds), self.swirl(self.accelerations)
+        C, K = tangent.reduced(self.mass, self.mass * swirl + drag, self.mass * change + drag * swirl + slope)
+        moving = speeds.extract(self.places.independent, [0])
+        steady = self.is_zero(*self.accelerations, *(K * moving))
         kind = "an equilibrium" if speeds.is_zero_matrix else "a steady motion"
+        on_constraints = " on the constraints" if self.forces else ""
         return Linearization(
-            coordinates=self.read.coordinates,
-            velocity_coordinates=self.read.coordinates,
+            coordinates=tuple(self.read.coordinates[i] for i in self.places.independent),
+            velocity_coordinates=tuple(self.read.coordinates[i] for i in self.speeds.independent),
             at=MappingProxyType(self.at),
-            M=self.mass,
-            C=(self.mass * swirl + drag).applyfunc(simplest),
-            K=(self.mass * change + drag * swirl + slope).applyfunc(simplest),
+            M=self.product(tangent.N.T, self.mass, tangent.N),
+            C=C,
+            K=K,
             inputs=tuple(self.inputs),
-            input_matrix=-self.slopes(self.inputs, more),
-            basis=eye,
-            velocity_basis=eye,
-            velocity_slope=sympy.zeros(self.n, self.n),
+            input_matrix=self.product(-tangent.N.T, self.slopes(self.inputs, more)),
+            basis=tangent.B,
+            velocity_basis=tangent.N,
+            velocity_slope=tangent.L,
             equilibrium=steady,
-            note=f"About {kind}." if steady else "Away from equilibrium: the matrices hold at this instant.",
+            note=f"About {kind}{on_constraints}."
+            if steady
+            else "Away from equilibrium: the matrices hold at this instant.",
             statement=self.read,
         )
 
@@ -156,9 +259,14 @@ class _InTurns:
         mass, drag, slope = (numeric(x, numbers) for x in (found.M, found.C, found.K))
         jacobian = model.jacobian(0.0, y, {p: float(numbers[p]) for p in statement.parameters})
         places, rates, accelerations = self._changes(y, numeric(self.accelerations, numbers).ravel())
-        free = np.linalg.solve(mass, -np.hstack([slope, drag]))
-        expected = accelerations[:, : 2 * self.n] + accelerations[:, 2 * self.n :] @ free
-        compiled = jacobian[model.layout.v] @ np.vstack([places, rates])
+        tangent = self.tangent
+        B, N, L, turned, bent = (
+            numeric(each, numbers) for each in (tangent.B, tangent.N, tangent.L, tangent.turned, tangent.bent)
+        )
+        near = np.block([[B, np.zeros((self.n, N.shape[1]))], [L, N]])
+        second = np.hstack([bent, turned]) + N @ np.linalg.solve(mass, -np.hstack([slope, drag]))
+        expected = accelerations[:, : 2 * self.n] @ near + accelerations[:, 2 * self.n :] @ second
+        compiled = jacobian[model.layout.v] @ np.vstack([places, rates]) @ near
         if not np.abs(compiled - expected).max() <= LARGEST_DIFFERENCE * max(np.abs(compiled).max(), 1e-300):
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 

@@ -17,7 +17,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.program.series import convolutions
 from lagrange.program.taylor import series_program
-from lagrange.statement.space import product
+from lagrange.statement.space import matrix_of, product
 from tests.models import shared_scene
 
 R = lg.rotation("R")
@@ -140,6 +140,59 @@ def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> N
     )
     place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
     assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
+
+
+def top_on_a_joint() -> tuple[lg.System, lg.System]:
+    """Return a top whose tip a ball joint holds, and the same as a body that turns about its tip."""
+    (x, y, z), (J1, J3) = lg.coordinates("x y z"), lg.parameters("J1 J3")
+    tip, values = (x, y, z) + R * (0, 0, -a), {m: 1.0, g: 9.81, a: 0.1, J1: 0.01, J3: 0.02}
+    held = lg.System(
+        R.body.dot(diag(J1, J1, J3) * R.body) / 2 + lg.kinetic_energy(m, (x, y, z)),
+        m * g * z,
+        constraints=dict(zip(("joint_x", "joint_y", "joint_z"), tip, strict=True)),
+        parameters=values,
+    )
+    reduced = diag(J1 + m * a**2, J1 + m * a**2, J3)
+    return held, lg.System(R.body.dot(reduced * R.body) / 2, m * g * a * R[2, 2], parameters=values)
+
+
+def test_a_top_on_a_joint_has_the_linear_equations_of_a_body_that_turns_about_its_tip() -> None:
+    """Six numbers, about a steady spin, which the joint moves in the axes of the body."""
+    held, turning = (
+        each.linearize(place | {R.body: (0, 0, 50)})
+        for each, place in zip(top_on_a_joint(), ({"z": a}, {}), strict=True)
+    )
+    assert held.A.shape == (6, 6) and held.note == "About a steady motion on the constraints."
+    for matrix, expected in ((held.M, turning.M), (held.C, turning.C), (held.K, turning.K)):
+        assert (matrix - expected).applyfunc(sympy.simplify).is_zero_matrix
+
+
+def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere() -> None:
+    """`linearize` compares itself with the model, and raises if it differs: a top on its joint in free motion."""
+    held, _ = top_on_a_joint()
+    hanging = held.modes({R: lg.turn((1, 0, 0), np.pi), "z": -0.1})
+    assert [float(w) for w in hanging.frequencies] == pytest.approx([0, *[(0.981 / 0.02) ** 0.5] * 2], abs=1e-6)
+    place, rates = sympy.Matrix(matrix_of(lg.turn((1, 2, 3), 1.1))), sympy.Matrix([0.4, -0.7, 1.3])
+    centre, velocity = place[:, 2] / 10, place * rates.cross(sympy.Matrix([0, 0, 1])) / 10
+    start = dict(zip(("x", "y", "z", "x_dot", "y_dot", "z_dot"), (*centre, *velocity), strict=True))
+    found = held.substitute({a: sympy.Rational(1, 10)}).linearize({R: place, R.body: tuple(rates)} | start)
+    assert found.note.startswith("Away from equilibrium") and found.A.shape == (6, 6)
+    with pytest.raises(lg.StatementError, match=r"the point is not on the constraint 'joint_z', which is -a there"):
+        held.linearize({R.body: (0, 0, 50)})
+
+
+@pytest.mark.slow
+def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> None:
+    """Its equations are reversible: exponents of the opposite spin have the opposite sign."""
+    scene = lg.scene("rattleback")
+    values = dict(scene.statement.defaults)
+    exponents = [
+        np.linalg.eigvals(np.array(scene.linearize({"z": 0.01, R.body: (0, 0, spin)}).A.subs(values), dtype=float))
+        for spin in (-5.0, 5.0)
+    ]
+    fast, slow = (each[np.argmax(each.real)] for each in exponents)
+    assert abs(fast.imag) > 100 > 40 > abs(slow.imag) > 0 and fast.real > 10 * slow.real > 1e-3
+    assert np.sort(exponents[0].real) == pytest.approx(np.sort(-exponents[1].real), abs=1e-6)
 
 
 def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:

@@ -165,6 +165,8 @@ def in_order(
     times: Sequence[FloatArray], states: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
     """Return the times (N,) of some events in order, their numbers (N,), and the states (N, 2n) there."""
+    if len(times) == 1:
+        return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]
     when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))
     order = np.lexsort((which, when))
     return when[order], which[order], np.concatenate(states)[order]

@@ -139,8 +139,6 @@ class _ContactRun:
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
-        states = np.abs(np.column_stack([part.y, last_state(part)]))
-        self.largest = np.maximum(self.largest, states.max(axis=1))
 
     def _stop(self, status: Status, cause: str) -> None:
         """Set the status and the cause with which the last segment ends the run."""
@@ -175,6 +173,9 @@ class _ContactRun:
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
         tries, part, changes = 0, None, list[tuple[float, Mode]]()
+        if self.parts:
+            states = self.parts[-1].y.max(axis=1, initial=0.0), -self.parts[-1].y.min(axis=1, initial=0.0)
+            self.largest = np.max([self.largest, *states, np.abs(segment.y0)], axis=0)
         if self.parts and self._holds_still(mode):
             part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
             self.found, self.end_state, self.fired = part, segment.y0, []
@@ -272,10 +273,11 @@ class _ContactRun:
         if not inner:
             return True
         times, which, before = times[:inner], which[:inner], before[:inner].T
-        gaps, near = self.kinematics.gaps(times, before)
-        gaps[which, np.arange(len(which))] = np.inf
-        if (gaps <= near[:, None]).any():
-            return False
+        if len(self.contacts) > 1:
+            gaps, near = self.kinematics.gaps(times, before)
+            gaps[which, np.arange(len(which))] = np.inf
+            if (gaps <= near[:, None]).any():
+                return False
         numbers = np.asarray(written.kernel(times, before, self.kinematics.parameters))
         impulses, lost, speeds = numbers.reshape(len(self.contacts), 3, -1)[which, :, np.arange(len(which))].T
         for i, restitution in enumerate(self.kinematics.restitutions):
