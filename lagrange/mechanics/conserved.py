@@ -32,7 +32,7 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.expression import expression, in_full
+from lagrange.statement.expression import expression, in_full, refusing_deep
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.number import ByName
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
@@ -227,6 +227,7 @@ LONGEST_SHOWN = 200
 """Largest number of characters of a quantity in a message."""
 
 
+@refusing_deep
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     """Return the conserved p . xi - tau E - F of a symmetry {q: xi, t: tau}.
 

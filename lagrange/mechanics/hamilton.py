@@ -30,6 +30,7 @@ from lagrange.mechanics.reduction import with_origin
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.expression import refusing_deep
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import Survey, in_own_parameters
 from lagrange.statement.statement import Statement
@@ -246,6 +247,7 @@ class Hamiltonian(ShownAsPage):
             rates.append(sympy.Eq(velocity_of(p), right, evaluate=False))
         return rates
 
+    @refusing_deep
     def poisson(self, f: Any, g: Any) -> Any:
         """Return the Poisson bracket {f, g} = sum df/dq dg/dp - df/dp dg/dq.
 

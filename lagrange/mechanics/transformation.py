@@ -35,7 +35,7 @@ from lagrange.mechanics.reduction import read_with, rewritten, with_origin
 from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declare import declare
-from lagrange.statement.expression import entries, expression
+from lagrange.statement.expression import entries, expression, refusing_deep
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 
@@ -109,6 +109,7 @@ class Transformation:
         return self.back(simplest(printable(given.xreplace(self.table))))
 
 
+@refusing_deep
 def transformed(
     statement: Statement,
     given: Mapping[Any, Any],

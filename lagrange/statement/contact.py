@@ -122,6 +122,7 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
     radii = radius if isinstance(radius, Mapping) else dict.fromkeys(centres, radius)
     if missing := [name for name in centres if name not in radii]:
         raise StatementError(f"radius has no entry for {listing(map(repr, missing))}: give each ball a radius.")
+    radii = {name: expression(radii[name], f"the radius of {name!r}") for name in centres}
     contacts = {}
     for (a, at), (b, to) in combinations(centres.items(), 2):
         across = [y - x for x, y in zip(at, to, strict=True)]

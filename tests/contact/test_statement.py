@@ -40,6 +40,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: lg.contacts_between({"a_b": X, "c": Y, "a": X, "b_c": Y}, 1),
         "two pairs of balls have the name 'a_b_c'",
     ),
+    "a list for a radius": (lambda: lg.contacts_between({"a": X, "b": Y}, [1, 2]), "the radius of 'a'"),
     "ball without a radius": (lambda: lg.contacts_between({"a": X, "b": Y}, {"a": 1}), "no entry for 'b'"),
     "no contact": (lambda: system({"c": Y}), r"give lg.contact\(gap, ...\)"),
     "restitution of a coordinate": (lambda: system({"c": lg.contact(Y, restitution=X)}), "in parameters"),

@@ -175,4 +175,13 @@ def test_what_is_shown_has_no_bound_of_levels() -> None:
     assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))
     with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
         INSTANCES[lg.Solution]().plot(deep)
+    x, y = lg.coordinates("x y")
+    plane = lg.System(x.dot**2 + y.dot**2, 0, coordinates=[x, y])
+    for call in (
+        lambda: plane.noether({x: deep}),
+        lambda: plane.transform({x: deep}),
+        lambda: plane.hamiltonian().poisson(deep, y),
+    ):
+        with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
+            call()
     assert "Hostile" in repr(UNTYPED.Problem(None, {}, 0.0, Hostile(), np.zeros(2)))
