@@ -11,7 +11,7 @@ import sympy
 
 from lagrange.equations.terms import Direction, Magnitude, Step, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.mechanics.plain_form import PlainForm, simplest, vanishes
+from lagrange.mechanics.plain_form import PlainForm, number, simplest, size_of_terms, vanishes
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression
@@ -46,6 +46,9 @@ def _compared(one: Any, sign: int) -> Any:
     above: Mapping[str, bool] = {">": sign > 0, ">=": sign > 0, "<": sign < 0, "<=": sign < 0, "!=": True}
     return sympy.true if above.get(one.rel_op, False) else sympy.false
 
+
+ROUNDED_PIECES = 2.0**-40
+"""Largest difference of two pieces of a table where they meet, relative to their terms: 4,000 units of rounding."""
 
 BALANCED_FORCE = 1e-8
 """Largest residual force at an equilibrium in decimals, relative to the stiffness."""
@@ -116,9 +119,10 @@ class StatedPoint:
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
                 continue
             sides = [on_side(residual, edge, sign) for sign in (1, -1)]
+            here = [self._branch(side) for side in sides]
             for x in (None, *symbols):
-                above, below = (side if x is None else side.diff(x) for side in sides)
-                if not self.is_zero((above - below).xreplace(self.table), ()):
+                above, below = (side if x is None else side.diff(x) for side in here)
+                if not self.is_zero((above - below).xreplace(self.table), ()) and not self._rounded(above, below):
                     raise StatementError(
                         f"the forces on {name} have a corner or a jump at {self.where}, where "
                         f"{formula(printable(edge), 60)} is zero, so that they are not linear near it. Choose another "
@@ -126,6 +130,23 @@ class StatedPoint:
                     )
             residual = sides[0]
         return residual
+
+    def _branch(self, side: Any) -> Any:
+        """Return an expression with each Piecewise replaced by its branch at the point, where that is known."""
+
+        def chosen(node: Any) -> Any:
+            known = ((value, condition.xreplace(self.table)) for value, condition in node.args)
+            return next((value if condition == sympy.true else node for value, condition in known if condition), node)
+
+        return side.replace(lambda node: node.is_Piecewise, chosen)
+
+    def _rounded(self, above: Any, below: Any) -> bool:
+        """Return True if two expressions differ at the point by the rounding of decimals, as pieces of a table do."""
+        if not above.has(sympy.Float):
+            return False
+        values = {**dict.fromkeys(self.form.a, sympy.S.Zero), **self.numbers, **self.table}
+        size = max(size_of_terms(side, values) for side in (above, below))
+        return abs(number(above - below, values)) <= ROUNDED_PIECES * size
 
     def is_zero(self, given: Any, scale: Any) -> bool:
         """Return True if an expression is zero at the point; decimals to eight digits relative to `scale` or 1."""

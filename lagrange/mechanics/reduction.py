@@ -15,7 +15,7 @@ from lagrange.evidence.agreement import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
-from lagrange.statement.expression import expression
+from lagrange.statement.expression import expression, refusing_deep
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import TYPED_ROUNDING
@@ -146,6 +146,7 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
     return value
 
 
+@refusing_deep
 def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
     """Return a statement without some coordinates, and without the constraints that determine them.
 
