@@ -34,7 +34,6 @@ from tests.laws.mechanisms import (
     moving,
     potentials,
     put,
-    rate_of,
     rationals,
     seeds,
     slope,
@@ -69,24 +68,6 @@ def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
     found = run(compiled, mechanism.state)
     energy = compiled.energy(found[:3], found[3:])
     assert energy == close(np.full(energy.shape, energy[0]), 1e-9)
-
-
-@some
-@given(mechanisms(forces=True) | moving())
-def test_a_run_stays_on_its_constraints(mechanism: Mechanism) -> None:
-    compiled = mechanism.compile("llvm")
-    last = run(compiled, mechanism.state)[:, -1]
-    off = compiled.evaluate("constraints", last[:3], last[3:], mechanism.time + LENGTH)
-    assert off == close(np.zeros(len(off)), 1e-10)
-
-
-@some
-@given(mechanisms(), rationals)
-def test_the_motion_does_not_depend_on_how_constraints_are_written(mechanism: Mechanism, factor: Any) -> None:
-    """Their rates, scaled and in another order, have the same run."""
-    others = {name: factor * rate_of(one) for name, one in reversed([*mechanism.constraints.items()])}
-    expected = run(mechanism.compile("llvm"), mechanism.state)[:, -1]
-    assert run(mechanism.compile("llvm", constraints=others), mechanism.state)[:, -1] == close(expected, 1e-8)
 
 
 @some

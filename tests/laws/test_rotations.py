@@ -125,7 +125,7 @@ def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
     assert linear.note == "About a steady motion."
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
     """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""

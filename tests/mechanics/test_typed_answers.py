@@ -153,6 +153,7 @@ def test_the_wrong_term_is_named_as_it_was_typed(text: str) -> None:
     assert NAMED[text] in message, message
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -450,7 +451,7 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
 """Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""
 
 
-@pytest.mark.few(18)
+@pytest.mark.few(12)
 @pytest.mark.parametrize(("system", "text", "said"), LARGER)
 def test_a_wrong_factor_momentum_or_force_is_named_as_a_whole(
     system: Callable[[], lg.System], text: str, said: str

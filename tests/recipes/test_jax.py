@@ -79,6 +79,7 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int) -> None:
         np.testing.assert_allclose(result, of.rhs(0.0, regular), rtol=1e-13)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 6])
 def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
     of = unbounded(n)
@@ -91,6 +92,7 @@ def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
         assert not status
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_units_do_not_make_a_matrix_singular(n: int) -> None:
     """Check masses of 1e-120 and 1e120 that are coupled, by determinants, by exchanges and by LAPACK."""
@@ -164,10 +166,11 @@ def test_compiled_loops_call_it_with_any_parameters() -> None:
         np.testing.assert_allclose(found, y, rtol=1e-13)
 
 
-def test_the_digits_are_those_of_the_model_and_shapes_too(everything: bool) -> None:
+@pytest.mark.slow
+def test_the_digits_are_those_of_the_model_and_shapes_too() -> None:
     of = model("cart and pole")
     p = of.parameter_array()
-    for quantity in ("rhs", "jacobian") if everything else ("jacobian",):
+    for quantity in ("rhs", "jacobian"):
         made, out = of.as_numba(quantity), np.empty(of.kernel(quantity).program.shape)
         prepared = made.prepare(p)
         for time, state in states(of):

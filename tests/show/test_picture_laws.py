@@ -80,7 +80,7 @@ def curves_are_exact(run: Solution) -> None:
     assert off(where[:, :: max(1, where.shape[1] // 200_000)], [seen(path, line.get_xydata().T) for line in lines]) < 1
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("end", [None, 100.0])
 @pytest.mark.parametrize("name", SCENES)
 def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
@@ -157,7 +157,7 @@ CROWDED = ("pleiades", "sun-earth-moon")
 """Scenes with many names, and with long numbers."""
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*CROWDED, *[name for name in lg.scenes() if name not in CROWDED]])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
     nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())

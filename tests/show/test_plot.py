@@ -131,6 +131,7 @@ def test_a_path_in_space_is_seen_from_a_side_over_a_floor_with_numbers() -> None
     assert shadow[-1, 1] < seen[1]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("parts", "expected"),
     [
