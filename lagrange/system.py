@@ -266,7 +266,7 @@ class System:
         target: str = "llvm",
         check: bool = True,
     ) -> Solution:
-        """Compile, run from `t_start` to `t_end`, and return the Solution; see `lagrange.integrate` for the options.
+        """Compile, run from `t_start` to `t_end`, and return the Solution; `lagrange.integrate` describes the options.
 
         Times are in the units of the statement. A scene supplies defaults of the options. Raises StatementError for
         invalid arguments. A run that ends early returns a Solution with a status and a message.

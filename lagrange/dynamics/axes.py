@@ -146,8 +146,8 @@ def wrapped(values: FloatArray, low: float) -> FloatArray:
 
 def difference(a: FloatArray, b: FloatArray, periodic: tuple[bool, ...]) -> FloatArray:
     """Return a - b of states (..., 2n), reduced to the nearest turn for angles."""
-    found = a - b
+    result = a - b
     for i, whole in enumerate(periodic):
         if whole:
-            found[..., i] -= TURN * (found[..., i] / TURN).round()
-    return found
+            result[..., i] -= TURN * (result[..., i] / TURN).round()
+    return result

@@ -73,8 +73,8 @@ class Crosser:
             if left == 0 or ended or run.span[1] - since >= self.wait or not run.y.size:
                 return Crossings(np.concatenate(times), np.concatenate(states), *self._end(run, left, since))
             begin, y = run.span[1], np.ascontiguousarray(run.y[:, -1])
-            seen = self.count - left
-            leg = max(self.wait / 2, 1.2 * left * (begin - first) / seen) if seen else self.wait
+            passed = self.count - left
+            leg = max(self.wait / 2, 1.2 * left * (begin - first) / passed) if passed else self.wait
 
     def _first_leg(self) -> float:
         return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
@@ -93,14 +93,14 @@ class Crosser:
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
     """Return the crossings of orbits from states (m, 2n); after Ctrl-C the last one is INTERRUPTED."""
-    done: list[Crossings] = []
+    finished: list[Crossings] = []
     try:
         for start in states:
-            done.append(cross(start))
+            finished.append(cross(start))
             if progress is not None:
-                progress(float(len(done)))
-            if done[-1].status is Status.INTERRUPTED:
+                progress(float(len(finished)))
+            if finished[-1].status is Status.INTERRUPTED:
                 break
     except KeyboardInterrupt:
-        done.append(Crossings.interrupted(states.shape[1]))
-    return done
+        finished.append(Crossings.interrupted(states.shape[1]))
+    return finished

@@ -46,8 +46,8 @@ class EquilibriumBranch:
     def stable(self) -> FloatArray:
         """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium."""
         size = np.abs(self.eigenvalues).max(axis=1)
-        found = (self.eigenvalues.real.max(axis=1) <= 1e-6 * size).astype(float)
-        return np.where(np.isfinite(size), found, np.nan)
+        stability = (self.eigenvalues.real.max(axis=1) <= 1e-6 * size).astype(float)
+        return np.where(np.isfinite(size), stability, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,41 +70,41 @@ TIP = 12
 def equilibrium_branches(
     model: Model, parameter: str, values: FloatArray, progress: Report | None = None
 ) -> BranchesData:
-    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError if none is found.
+    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if none is found.
 
     The other parameters have the default values of `model`.
     """
     statement = model.statement
     symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
-    made: list[EquilibriumBranch] = []
+    branches: list[EquilibriumBranch] = []
     interrupted, refusal = False, ""
     turns = angles(statement)
     try:
-        for done, anchor in enumerate(anchors):
-            known = model.with_defaults({symbol: float(values[anchor])})
+        for count, anchor in enumerate(anchors):
+            anchored = model.with_defaults({symbol: float(values[anchor])})
             try:
-                places = equilibria(known.statement, None)
+                anchor_equilibria = equilibria(anchored.statement, None)
             except StatementError as error:
                 refusal = str(error)
                 continue
-            for place in places:
-                _add(made, place, known, (parameter, values, anchor), turns)
+            for equilibrium in anchor_equilibria:
+                _add(branches, equilibrium, anchored, (parameter, values, anchor), turns)
             if progress is not None:
-                progress(float(done + 1))
-            if all(place.exact for place in places):
+                progress(float(count + 1))
+            if all(equilibrium.exact for equilibrium in anchor_equilibria):
                 break
     except KeyboardInterrupt:
         interrupted = True
-    if not made and not interrupted:
+    if not branches and not interrupted:
         raise StatementError(refusal or f"{statement.name} has no equilibrium at these values of {parameter}.")
-    words = f"{counted(len(made), 'branch')} of equilibria.".replace("branchs", "branches")
+    words = f"{counted(len(branches), 'branch')} of equilibria.".replace("branchs", "branches")
     return BranchesData(
         statement=statement,
         parameter=parameter,
         values=values,
-        branches=tuple(made),
-        axis=_axis(statement, made),
+        branches=tuple(branches),
+        axis=_axis(statement, branches),
         status=Status.INTERRUPTED if interrupted else Status.SUCCESS,
         message=f"interrupted: {words[:-1]} are there, and kept." if interrupted else words,
     )
@@ -139,9 +139,9 @@ def _add(
         if len(other.values) != len(values) or (other.values != values).any():
             continue
         both = np.isfinite(other.coordinates).all(axis=1) & np.isfinite(coordinates).all(axis=1)
-        apart = np.abs(difference(other.coordinates[both], coordinates[both], turns))
+        distance = np.abs(difference(other.coordinates[both], coordinates[both], turns))
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
-        if both.any() and not alone.any() and (apart <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
+        if both.any() and not alone.any() and (distance <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
             return
     made.append(EquilibriumBranch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
 
@@ -151,12 +151,12 @@ def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values:
 
     A branch may begin with an infinite slope, as a square root does. So distances from that value grow as squares.
     """
-    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     chosen = next(p for p in statement.parameters if p.name == parameter)
 
     def exists(value: float) -> bool:
-        found = [number(x, {**known, chosen: sympy.Rational(value)}) for x in place.at.values()]
-        return all(x == x and abs(x.imag) < 1e-12 for x in found)
+        coordinates = [number(x, {**constants, chosen: sympy.Rational(value)}) for x in place.at.values()]
+        return all(x == x and abs(x.imag) < 1e-12 for x in coordinates)
 
     real = [exists(value) for value in values.tolist()]
     more = []

@@ -124,14 +124,14 @@ def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray,
     """Return the places where the acceleration touches zero without a change of sign: minima, by golden sections."""
     size, sign = np.abs(a), np.sign(a)
     inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1
-    found = []
+    minima = []
     for k in inner.tolist():
         low, high = float(x[k - 1]), float(x[k + 1])
         for _ in range(60):
             probes = np.linspace(low, high, 9)
             least = int(np.argmin(np.abs(_at_rest(model, parameters, probes))))
             low, high = float(probes[max(0, least - 1)]), float(probes[min(8, least + 1)])
-        place = np.array([(low + high) / 2])
-        if abs(float(_at_rest(model, parameters, place)[0])) <= FLAT_FORCE * largest:
-            found.append(float(place[0]))
-    return found
+        minimum = np.array([(low + high) / 2])
+        if abs(float(_at_rest(model, parameters, minimum)[0])) <= FLAT_FORCE * largest:
+            minima.append(float(minimum[0]))
+    return minima

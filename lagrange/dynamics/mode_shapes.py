@@ -37,7 +37,7 @@ class ModeShapes:
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
     """Return the shapes of modes as numbers. Raises StatementError where a parameter has no value."""
     form, lin = PlainForm(statement), modes.linearization
-    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     missing = [p.name for p in statement.parameters if p not in statement.defaults]
     if missing:
         raise StatementError(
@@ -45,11 +45,11 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
             f"{'has' if len(missing) == 1 else 'have'} none: state {statement.name} with "
             f"parameters={{{missing[0]!r}: 1.0}}."
         )
-    basis = np.array([[number(x, known).real for x in row] for row in lin.basis.tolist()], dtype=float)
-    raw = np.array([[number(x, known) for x in shape] for shape in modes.shapes]) @ basis.T
+    basis = np.array([[number(x, constants).real for x in row] for row in lin.basis.tolist()], dtype=float)
+    raw = np.array([[number(x, constants) for x in shape] for shape in modes.shapes]) @ basis.T
     components = np.array([_real(row) for row in raw])
-    by_symbol = dict(zip(form.q, _place(modes, statement, known), strict=True))
-    values = {**known, **by_symbol, **dict.fromkeys(form.v, sympy.S.Zero)}
+    by_symbol = dict(zip(form.q, _place(modes, statement, constants), strict=True))
+    values = {**constants, **by_symbol, **dict.fromkeys(form.v, sympy.S.Zero)}
     points: dict[str, FloatArray] = {}
     displacements: dict[str, FloatArray] = {}
     for name, position in statement.positions.items():
@@ -63,8 +63,8 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
     return ModeShapes(
         statement,
         statement.names,
-        np.array([number(x, known) for x in modes.frequencies]),
-        np.array([number(x, known).real for x in modes.decay]),
+        np.array([number(x, constants) for x in modes.frequencies]),
+        np.array([number(x, constants).real for x in modes.decay]),
         components,
         points,
         displacements,
@@ -80,5 +80,5 @@ def _real(row: FloatArray) -> FloatArray:
 def _place(modes: Modes, statement: Statement, known: Mapping[sympy.Symbol, sympy.Rational]) -> list[sympy.Expr]:
     """Return the coordinates of the equilibrium, as numbers."""
     at = modes.linearization.at
-    found = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]
-    return [sympy.Float(number(sympy.Integer(0) + x, known).real, 17) for x in found]
+    entries = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]
+    return [sympy.Float(number(sympy.Integer(0) + x, known).real, 17) for x in entries]

@@ -27,9 +27,9 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 
     columns, rows = np.meshgrid(x, y)
     values = np.asarray(function(columns.ravel(), rows.ravel()), dtype=float).reshape(columns.shape)
-    found: Any = contour_generator(x, y, np.ma.masked_invalid(values)).lines(0.0)
+    contours: Any = contour_generator(x, y, np.ma.masked_invalid(values)).lines(0.0)
     lines = []
-    for line in found:
+    for line in contours:
         points, true = _refined(function, x, y, line)
         parts = np.split(np.arange(len(points)), np.flatnonzero(np.diff(true)) + 1)
         lines += [points[part] for part in parts if true[part[0]] and len(part) > 1]
@@ -40,12 +40,12 @@ def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the vertices of a contour (k, 2) bisected on their edges, and whether each is a zero, and not a pole."""
-    places = (line - [x[0], y[0]]) / [x[1] - x[0], y[1] - y[0]]
-    nearest = places.round()
-    off = np.abs(places - nearest)
+    grid_positions = (line - [x[0], y[0]]) / [x[1] - x[0], y[1] - y[0]]
+    nearest = grid_positions.round()
+    off = np.abs(grid_positions - nearest)
     along = off == off.max(axis=1, keepdims=True)  # the direction of the edge of each vertex
-    ends = (np.where(along, end(places), nearest).astype(int) for end in (np.floor, np.ceil))
-    low, high = (np.column_stack([x[column], y[row]]) for column, row in (place.T for place in ends))
+    ends = (np.where(along, end(grid_positions), nearest).astype(int) for end in (np.floor, np.ceil))
+    low, high = (np.column_stack([x[column], y[row]]) for column, row in (vertices.T for vertices in ends))
     before, after = function(*low.T), function(*high.T)
     sign = before > 0
     for _ in range(HALVINGS):

@@ -108,13 +108,13 @@ class Orbit:
     def at(self, times: FloatArray) -> FloatArray:
         """Return the states at times (j,) within the orbit, (j, 2n)."""
         chosen = np.clip(np.asarray(times, dtype=float), self.t[0], self.t[-1])
-        found = np.empty((len(chosen), self.states.shape[1]))
+        states = np.empty((len(chosen), self.states.shape[1]))
         for part in self.parts:
             low, high = sorted(part.span)
             inside = (chosen >= low) & (chosen <= high)
             if inside.any():
-                found[inside] = part.dense(chosen[inside]).T
-        return found
+                states[inside] = part.dense(chosen[inside]).T
+        return states
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -199,8 +199,8 @@ def until_arrival(window: PlaneWindow, run: Trajectory, places: Sequence[FixedPo
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]
-    for place in places:
-        distance = window.distance(states, place.state)
+    for equilibrium in places:
+        distance = window.distance(states, equilibrium.state)
         away = np.nonzero(distance > 10 * ARRIVED)[0]
         if not len(away):
             continue
@@ -244,7 +244,7 @@ def separatrices_of(
     saddle = places[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []
-    found = []
+    branches = []
     for column in (0, 1):
         rate = float(saddle.eigenvalues[column].real)
         vector = saddle.eigenvectors[:, column].real / np.linalg.norm(
@@ -256,8 +256,8 @@ def separatrices_of(
             run = runs(saddle.state + side * part * vector, 0.0, span, events=exits)
             run = until_arrival(window, run, places)
             length = float(np.linalg.norm(part * vector))
-            found.append(Separatrix(number, rate < 0, orbit_of((run,), closed=False), length))
-    return found
+            branches.append(Separatrix(number, rate < 0, orbit_of((run,), closed=False), length))
+    return branches
 
 
 def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: PlaneWindow) -> float:

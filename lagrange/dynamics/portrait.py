@@ -103,11 +103,11 @@ class _Portrait:
         states = np.repeat(self.base[:, None], len(x), axis=1)
         states[self.plane[0].row], states[self.plane[1].row] = x, y
         try:
-            found = self._slopes(states)
+            slopes = self._slopes(states)
         except RunError:
             # At some point the mass matrix is singular: the others are evaluated one by one.
-            found = np.column_stack([self._rates_at(column) for column in states.T])
-        return found[[self.plane[0].row, self.plane[1].row]]
+            slopes = np.column_stack([self._rates_at(column) for column in states.T])
+        return slopes[[self.plane[0].row, self.plane[1].row]]
 
     def _rates_at(self, state: FloatArray) -> FloatArray:
         try:
@@ -138,12 +138,12 @@ class _Portrait:
 
     def distinct(self, places: Sequence[FixedPoint]) -> list[int]:
         """Return the numbers of the equilibria, without copies after a full turn, such as pi and -pi."""
-        found: list[int] = []
-        for k, place in enumerate(places):
-            others = np.array([places[i].state for i in found]).reshape(-1, len(place.state))
-            if not (self.window.distance(others, place.state) < SAME_PLACE).any():
-                found.append(k)
-        return found
+        numbers: list[int] = []
+        for k, equilibrium in enumerate(places):
+            others = np.array([places[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
+            if not (self.window.distance(others, equilibrium.state) < SAME_PLACE).any():
+                numbers.append(k)
+        return numbers
 
     def seeds(self) -> FloatArray:
         """Return the middles of all cells, from the middle of the window outwards, (CELLS**2, 2n)."""
@@ -180,13 +180,13 @@ def portrait(
         raise StatementError(
             f"{statement.name} has constraints, and its states fill no plane: eliminate(...) coordinates first."
         )
-    held = held_entries(runs.model, at, window)
+    fixed = held_entries(runs.model, at, window)
     base = initial_of(runs.model, None)
     base[_following(runs.model)] = 0.0
-    for row, value in held.items():
+    for row, value in fixed.items():
         base[row] = value
     plane = default_plane(runs, base) if window is None else plane_of(statement, window, "window", FIELD)
-    free = _free(runs.model, held)
+    free = _free(runs.model, fixed)
     if sorted(axis.row for axis in plane) != free:
         names = statement.state_names
         raise StatementError(
@@ -194,28 +194,28 @@ def portrait(
             "free: give these in window."
         )
     work = _Portrait(runs, plane, base, time, reach)
-    return _made(work, held, starts, progress)
+    return _made(work, fixed, starts, progress)
 
 
 def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
     single = work.alone and len(names) == 2
-    places, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
-    places = tuple(place for place in places if plane[1].low <= 0.0 <= plane[1].high)
+    equilibria, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
+    equilibria = tuple(equilibrium for equilibrium in equilibria if plane[1].low <= 0.0 <= plane[1].high)
     branches: list[Separatrix] = []
     orbits: list[Orbit] = []
-    given = None if starts is None else starts_of(runs.model, starts, work.base)
-    chosen = [] if given is None else list(given)
+    chosen_starts = None if starts is None else starts_of(runs.model, starts, work.base)
+    chosen = [] if chosen_starts is None else list(chosen_starts)
     interrupted = False
     try:
         exits = work.window.exits(runs)
-        for number in work.distinct(places):
-            branches += separatrices_of(runs, work.window, places, number, exits)
-        for start in _unvisited(work, branches, orbits, progress) if given is None else chosen:
+        for number in work.distinct(equilibria):
+            branches += separatrices_of(runs, work.window, equilibria, number, exits)
+        for start in _unvisited(work, branches, orbits, progress) if chosen_starts is None else chosen:
             orbits.append(orbit(runs, work.window, start, exits, work.time, both_ways=work.alone))
-            if given is None:
+            if chosen_starts is None:
                 chosen.append(start)
-            if progress is not None and given is not None:
+            if progress is not None and chosen_starts is not None:
                 progress(float(len(orbits)))
             if orbits[-1].status is Status.INTERRUPTED:
                 break
@@ -234,7 +234,7 @@ def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Rep
         u=u,
         v=v,
         nullclines=work.nullclines(),
-        equilibria=places,
+        equilibria=equilibria,
         separatrices=tuple(branches),
         starts=np.array(chosen[: len(orbits)]).reshape(len(orbits), len(names)),
         orbits=tuple(orbits),
@@ -247,20 +247,20 @@ def _unvisited(
     work: _Portrait, branches: Sequence[Separatrix], orbits: Sequence[Orbit], progress: Report | None
 ) -> Iterator[FloatArray]:
     """Yield the middles of cells that no orbit has crossed, nor their neighbours; report the number of tested cells."""
-    taken = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
+    visited = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
     most = MOST_ORBITS if work.alone else MOST_PROJECTED
     for branch in branches:
-        _mark(work, taken, branch.orbit)
+        _mark(work, visited, branch.orbit)
     for start in work.seeds():
         row, column = _cells(work, start[None, :])
-        if taken[row[0], column[0]] or not np.isfinite(work.rates(*start[list(work.window.rows), None])).all():
+        if visited[row[0], column[0]] or not np.isfinite(work.rates(*start[list(work.window.rows), None])).all():
             continue
         if len(orbits) >= most:
             return
         yield start
-        _mark(work, taken, orbits[-1])
+        _mark(work, visited, orbits[-1])
         if progress is not None:
-            progress(float(taken[1:-1, 1:-1].sum()))
+            progress(float(visited[1:-1, 1:-1].sum()))
 
 
 def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
@@ -276,14 +276,14 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 
     States outside belong to a border one cell wide.
     """
-    found = []
+    indices = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
         if work.window.wraps(axis):
             values = wrapped(values, axis.low)
-        places = np.floor((values - axis.low) / axis.width * CELLS)
-        found.append(np.clip(np.nan_to_num(places, nan=-1.0), -1, CELLS).astype(int) + 1)
-    return found[0], found[1]
+        cells = np.floor((values - axis.low) / axis.width * CELLS)
+        indices.append(np.clip(np.nan_to_num(cells, nan=-1.0), -1, CELLS).astype(int) + 1)
+    return indices[0], indices[1]
 
 
 def _ended(
@@ -291,10 +291,10 @@ def _ended(
 ) -> tuple[Status, str]:
     """Return the status of a portrait, and a message with the number of `wanted` orbits that were finished."""
     statement = work.runs.model.statement
-    interrupted = interrupted or any(one.status is Status.INTERRUPTED for one in orbits)
+    interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
     words = [f"interrupted after {counted(len(orbits), 'orbit')}, which are kept."] if interrupted else []
-    stopped = [one for one in orbits if one.status not in (Status.SUCCESS, Status.EVENT)]
+    stopped = [orbit for orbit in orbits if orbit.status not in (Status.SUCCESS, Status.EVENT)]
     if stopped and not interrupted:
         words.append(f"{len(stopped)} of {counted(wanted, 'orbit')} did not get to the end: {stopped[0].message}")
     if note:
@@ -316,7 +316,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
-    held = {}
+    fixed = {}
     for key, value in (at or {}).items():
         row = row_of(statement, key, "at")
         if row in _following(model):
@@ -324,22 +324,22 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
                 f"at holds {statement.state_names[row]}, which follows from the coordinates, since "
                 f"{statement.names[row - len(statement.names)]} has no inertia: leave it out."
             )
-        held[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
-    free = [statement.state_names[row] for row in _free(model, held)]
-    if len(statement.names) == len(free) == 1 and not held:
+        fixed[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
+    free = [statement.state_names[row] for row in _free(model, fixed)]
+    if len(statement.names) == len(free) == 1 and not fixed:
         raise StatementError(
             f"{free[0]} has no inertia, so that the state of {statement.name} is one number, which fills no plane: "
             f"plot its motion in time, system.run(t_end).plot({free[0]!r})."
         )
     if window is None and len(free) == 2 and len(statement.coordinates) > 1:
-        what = f"{'a slice of ' if held else ''}{counted(len(statement.coordinates), 'coordinate')}"
+        noun = f"{'a slice of ' if fixed else ''}{counted(len(statement.coordinates), 'coordinate')}"
         raise StatementError(
-            f"no window is given, and for {what} there is no default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: "
+            f"no window is given, and for {noun} there is no default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: "
             "(-5, 5)}."
         )
     if len(free) != 2:
         raise StatementError(_too_many(model, len(free)))
-    return held
+    return fixed
 
 
 def _following(model: Model) -> list[int]:

@@ -72,15 +72,15 @@ def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
             f"array (m, {size})."
         )
     listed: list[Any] = []
-    for one in given:
+    for entry in given:
         if len(listed) == MOST_STARTS:
             raise StatementError(f"starts has more than {MOST_STARTS} entries: give fewer.")
-        listed.append(one)
+        listed.append(entry)
     if not listed:
         raise StatementError("starts is empty: give at least one initial state, such as {}: the system's own.")
-    if not any(isinstance(one, Mapping) for one in listed):
+    if not any(isinstance(entry, Mapping) for entry in listed):
         return _of_array(model, real_array(listed, "starts"))
-    return np.array([_of_dict(model, one, k, base) for k, one in enumerate(listed)])
+    return np.array([_of_dict(model, entry, k, base) for k, entry in enumerate(listed)])
 
 
 def _of_dict(model: Model, given: Any, place: int, base: FloatArray) -> FloatArray:
@@ -140,9 +140,9 @@ def depends_on_time(statement: Statement) -> bool:
 
 
 def _parts(statement: Statement) -> list[Any]:
-    known = with_values(statement)
-    form = PlainForm(known)
-    return [form.lagrangian, *form.forces, *(form.read(one.expression) for one in known.constraints)]
+    explicit = with_values(statement)
+    form = PlainForm(explicit)
+    return [form.lagrangian, *form.forces, *(form.read(constraint.expression) for constraint in explicit.constraints)]
 
 
 @lru_cache(maxsize=64)
@@ -172,8 +172,10 @@ def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
 
     Raises StatementError where time also occurs elsewhere, or frequencies have no common period.
     """
-    known = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
-    rates = sorted({rate for rate in (abs(float(one.xreplace(known))) for one in _rates(statement)) if rate > 0})
+    constants = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
+    rates = sorted(
+        {rate for rate in (abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)) if rate > 0}
+    )
     if not rates:
         raise StatementError(
             f"the driving of {statement.name} has the frequency zero: give section=..., the period in the unit of time."

@@ -65,9 +65,9 @@ def _quadratic(
 
 
 def _energy(model: Model, parameters: FloatArray, states: FloatArray, row: int, v: float | FloatArray) -> FloatArray:
-    given = states.copy()
-    given[row] = v
-    q, rates = model.layout.split(given)
+    changed = states.copy()
+    changed[row] = v
+    q, rates = model.layout.split(changed)
     return np.asarray(model.energy(q, rates, 0.0, parameters))
 
 
@@ -88,12 +88,12 @@ def on_level(
     if outside.any():
         raise StatementError(_out_of_reach(model, starts, row, energy, int(np.argmax(outside)), c))
     roots = [(-b + side * np.sqrt(square)) / (2 * a) for side in (1.0, -1.0)]
-    found = [_corrected(model, parameters, states, row, energy, root) for root in roots]
-    larger = np.where((found[0][row] >= found[1][row]), found[0], found[1])
-    smaller = np.where((found[0][row] >= found[1][row]), found[1], found[0])
+    solutions = [_corrected(model, parameters, states, row, energy, root) for root in roots]
+    larger = np.where((solutions[0][row] >= solutions[1][row]), solutions[0], solutions[1])
+    smaller = np.where((solutions[0][row] >= solutions[1][row]), solutions[1], solutions[0])
     if event is None or not event.direction:
         return np.ascontiguousarray(larger.T)
-    rates = [_rate(model, parameters, event, one) * event.direction for one in (larger, smaller)]
+    rates = [_rate(model, parameters, event, solution) * event.direction for solution in (larger, smaller)]
     return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
 
 
@@ -113,14 +113,14 @@ def _corrected(
     left = np.abs(_energy(model, parameters, states, row, v) - energy)
     size = abs(energy) + np.abs(_energy(model, parameters, states, row, 0.0))
     if not (left <= ENERGY_ERROR * size).all():
-        name, place = model.statement.state_names[row], int(np.argmax(~(left <= ENERGY_ERROR * size)))
+        name, index = model.statement.state_names[row], int(np.argmax(~(left <= ENERGY_ERROR * size)))
         raise StatementError(
-            f"no {name} was found with which start {place} has the energy {energy:g}: give {name} in starts, and leave "
+            f"no {name} was found with which start {index} has the energy {energy:g}: give {name} in starts, and leave "
             "energy and solve_for out."
         )
-    found = states.copy()
-    found[row] = v
-    return found
+    result = states.copy()
+    result[row] = v
+    return result
 
 
 def _rate(model: Model, parameters: FloatArray, event: Event, states: FloatArray) -> FloatArray:
@@ -208,7 +208,7 @@ def section(
     longest: Any = None,
     progress: Report | None = None,
 ) -> SectionData:
-    """Return the section of a model's orbits; see `lagrange.poincare`."""
+    """Return the Poincare section of a model's orbits; `lagrange.poincare` describes the arguments."""
     model = runs.model
     count, dropped = point_counts(crossings, skip, "crossings", 1)
     wait = None if longest is None else _positive(longest)
@@ -220,22 +220,22 @@ def section(
         states = on_level(model, runs.parameters, states, row, level, event)
     check_room((len(states), count + dropped, model.layout.size))
     cross = Crosser(runs, passed, count + dropped, states, wait)
-    done = [_without_first(one, dropped) for one in followed(cross, states, progress)]
+    orbits = [_without_first(orbit, dropped) for orbit in followed(cross, states, progress)]
     axes = drawn_axes(model.statement, event)
-    status, message = _ended(done, len(states), event, model.statement)
+    status, message = _ended(orbits, len(states), event, model.statement)
     return SectionData(
         statement=model.statement,
         event=event,
         period=None if isinstance(passed, Event) else passed,
-        starts=states[: len(done)],
-        times=tuple(one.times for one in done),
-        states=tuple(one.states for one in done),
-        statuses=tuple(one.status for one in done),
-        messages=tuple(one.message for one in done),
+        starts=states[: len(orbits)],
+        times=tuple(orbit.times for orbit in orbits),
+        states=tuple(orbit.states for orbit in orbits),
+        statuses=tuple(orbit.status for orbit in orbits),
+        messages=tuple(orbit.message for orbit in orbits),
         axes=axes,
         energy=level,
-        border=_border(runs, states[0], axes, level, row, done),
-        drift=_drift(runs, states, done),
+        border=_border(runs, states[0], axes, level, row, orbits),
+        drift=_drift(runs, states, orbits),
         status=status,
         message=message,
     )
@@ -257,10 +257,10 @@ def check_room(shape: Sequence[int]) -> None:
 
 
 def _positive(longest: Any) -> float:
-    found = real_number(longest, "longest, the time to wait for a crossing,")
-    if found <= 0:
-        raise StatementError(f"longest, the time to wait for a crossing, is {found:g}: give a positive time.")
-    return found
+    duration = real_number(longest, "longest, the time to wait for a crossing,")
+    if duration <= 0:
+        raise StatementError(f"longest, the time to wait for a crossing, is {duration:g}: give a positive time.")
+    return duration
 
 
 def _without_first(found: Crossings, dropped: int) -> Crossings:
@@ -301,7 +301,7 @@ def _border(
     done: Sequence[Crossings],
 ) -> tuple[FloatArray, ...]:
     """Return the border lines of the region that the energy allows, for two coordinates of which one is drawn."""
-    points = np.concatenate([one.states for one in done]) if done else np.empty((0, 0))
+    points = np.concatenate([orbit.states for orbit in done]) if done else np.empty((0, 0))
     names = runs.model.statement.state_names
     if energy is None or row is None or len(names) != 4 or len(points) < 2:
         return ()
@@ -330,8 +330,8 @@ def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float |
     if not model.conservative or not done:
         return None
     worst, size = 0.0, 1e-300
-    for start, one in zip(states, done, strict=False):
-        whole = np.vstack([start[None, :], one.states])
+    for start, orbit in zip(states, done, strict=False):
+        whole = np.vstack([start[None, :], orbit.states])
         q, v = model.layout.split(np.ascontiguousarray(whole.T))
         energies = np.asarray(model.energy(q, v, 0.0, runs.parameters))
         worst, size = max(worst, float(np.abs(energies - energies[0]).max())), max(size, float(np.abs(energies).max()))
@@ -340,22 +340,22 @@ def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float |
 
 def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
     """Return the status of a section, and a message."""
-    total = sum(len(one.times) for one in done)
-    what = "point" if event is None else "crossing"
-    if len(done) < wanted or any(one.status is Status.INTERRUPTED for one in done):
+    total = sum(len(orbit.times) for orbit in done)
+    noun = "point" if event is None else "crossing"
+    if len(done) < wanted or any(orbit.status is Status.INTERRUPTED for orbit in done):
         return Status.INTERRUPTED, (
-            f"interrupted: {counted(total, what)} of {len(done)} among {counted(wanted, 'orbit')} are there, and kept."
+            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(wanted, 'orbit')} are there, and kept."
         )
-    short = [(k, one) for k, one in enumerate(done) if one.status is not Status.EVENT and event is not None]
-    short = short or [(k, one) for k, one in enumerate(done) if not one.status.complete]
-    words = f"{counted(total, what)} of {counted(wanted, 'orbit')}."
+    short = [(k, orbit) for k, orbit in enumerate(done) if orbit.status is not Status.EVENT and event is not None]
+    short = short or [(k, orbit) for k, orbit in enumerate(done) if not orbit.status.complete]
+    words = f"{counted(total, noun)} of {counted(wanted, 'orbit')}."
     if not short:
         return Status.SUCCESS, words
-    place, first = short[0]
+    index, first = short[0]
     if event is not None and not total:
         words = f"no orbit passes {surface(event, statement)}{_direction(event)}."
-    failed = [one.status for one in done if not one.status.complete]
-    return (failed or [Status.SUCCESS])[0], f"{words} Start {place}: {first.message}" + (
+    failed = [orbit.status for orbit in done if not orbit.status.complete]
+    return (failed or [Status.SUCCESS])[0], f"{words} Start {index}: {first.message}" + (
         f" {len(short) - 1} more ended early." if len(short) > 1 else ""
     )
 

@@ -82,18 +82,18 @@ def values_of(given: Any, name: str) -> FloatArray:
         if not np.isfinite([low, high]).all() or low == high:
             raise StatementError(f"the range of {name} is empty: {low:g} to {high:g}. Give two ends that differ.")
         return np.linspace(low, high, whole_number(given[2], f"the number of values of {name}", 2, MOST_VALUES))
-    found = real_array(given, f"the values of {name}")
-    if found.ndim != 1 or not len(found):
+    numbers = real_array(given, f"the values of {name}")
+    if numbers.ndim != 1 or not len(numbers):
         raise StatementError(
             f"the values of {name} are {shown(given)}: give a list, or (low, high, count), such as (0.1, 0.4, 200)."
         )
-    if len(found) > MOST_VALUES:
+    if len(numbers) > MOST_VALUES:
         raise StatementError(
-            f"there are {len(found)} values of {name}, more than a picture has columns: give {MOST_VALUES} at most."
+            f"there are {len(numbers)} values of {name}, more than a picture has columns: give {MOST_VALUES} at most."
         )
-    if not np.isfinite(found).all():
+    if not np.isfinite(numbers).all():
         raise StatementError(f"the values of {name} are not all finite: give finite numbers.")
-    return found
+    return numbers
 
 
 def sweep(
@@ -108,12 +108,12 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion along a parameter; see `lagrange.bifurcation`."""
+    """Return the settled motion at each value of a parameter; `lagrange.bifurcation` describes the arguments."""
     model, statement = runs.model, runs.model.statement
-    place = [p.name for p in statement.parameters].index(parameter)
+    index = [p.name for p in statement.parameters].index(parameter)
     base = starts_of(model, starts, initial_of(model, None))
     check_room((len(values), len(base), count + dropped, model.layout.size))
-    arrays = [with_value(runs, place, value) for value in values.tolist()]
+    arrays = [with_value(runs, index, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
     sections = [_section(runs, given, array) for array in arrays]
     event = sections[0] if isinstance(sections[0], Event) else None
@@ -123,15 +123,15 @@ def sweep(
     try:
         for k, (array, passed) in enumerate(zip(arrays, sections, strict=True)):
             cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
-            found = [cross(start, begin) for begin, start in begins]
-            statuses.append(tuple(one.status for one in found))
+            orbits = [cross(start, begin) for begin, start in begins]
+            statuses.append(tuple(orbit.status for orbit in orbits))
             if Status.INTERRUPTED in statuses[-1]:
                 break
-            for i, one in enumerate(found):
-                last = one.states[dropped:]
+            for i, orbit in enumerate(orbits):
+                last = orbit.states[dropped:]
                 states[k, i, : len(last)] = last
             if followed:
-                begins = [_next(one, start, passed, statement) for one, start in zip(found, base, strict=True)]
+                begins = [_next(orbit, start, passed, statement) for orbit, start in zip(orbits, base, strict=True)]
             if progress is not None:
                 progress(float(k + 1))
     except KeyboardInterrupt:
@@ -181,26 +181,26 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
 
     `scale` is a period of small motions, with which velocities are compared to coordinates.
     """
-    known = states[np.isfinite(states).all(axis=-1)]
-    if not len(known):
+    complete = states[np.isfinite(states).all(axis=-1)]
+    if not len(complete):
         return np.zeros(states.shape[:2], dtype=int)
-    size = np.maximum(np.ptp(known, axis=0), 1e-300)
+    size = np.maximum(np.ptp(complete, axis=0), 1e-300)
     size[: len(periodic)][list(periodic)] = np.minimum(size[: len(periodic)][list(periodic)], 2 * np.pi)
     # An entry with one value everywhere, such as that on the section, is ignored: its differences are rounding noise.
-    n, largest = len(periodic), np.abs(known).max(axis=0)
+    n, largest = len(periodic), np.abs(complete).max(axis=0)
     largest = np.maximum(largest, np.concatenate([largest[n:] * scale, largest[:n] / scale]))
     size = np.maximum(size, DIFFERENCE_NOISE * largest / SAME_POINT)
     whole = states.reshape(-1, *states.shape[2:])
-    found = np.zeros(len(whole), dtype=int)
+    periods = np.zeros(len(whole), dtype=int)
     left = np.nonzero(np.isfinite(whole).all(axis=(1, 2)))[0]
     for p in range(1, states.shape[2] // 2 + 1):
         # Most rows are excluded by their first points.
-        apart = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
-        for row in left[(apart <= SAME_POINT).all(axis=1)].tolist():
-            apart = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size
-            found[row] = p if (apart <= SAME_POINT).all() else 0
-        left = left[found[left] == 0]
-    return found.reshape(states.shape[:2])
+        distance = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
+        for row in left[(distance <= SAME_POINT).all(axis=1)].tolist():
+            distance = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size
+            periods[row] = p if (distance <= SAME_POINT).all() else 0
+        left = left[periods[left] == 0]
+    return periods.reshape(states.shape[:2])
 
 
 def _ended(statuses: Sequence[tuple[Status, ...]], wanted: int, parameter: str, starts: int) -> tuple[Status, str]:

@@ -233,8 +233,8 @@ class Collector:
         """Return the one-term common factor and the rest, in which sums that are now whole powers are expanded."""
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
-        more, beside, rest = common_factor(unfolded)
-        return self.algebra.multiply({monomial: number}, {beside: more}), rest
+        more, extracted, rest = common_factor(unfolded)
+        return self.algebra.multiply({monomial: number}, {extracted: more}), rest
 
     def _split(self, monomial: Monomial) -> tuple[Monomial, Monomial, Monomial]:
         outer, place, constant = [], [], []

@@ -110,9 +110,13 @@ def constraint_equations(
         return ConstraintEquations()
     graph = time.graph
     along = {**dict(zip(q, v, strict=True)), **graph.rates}
-    positions = tuple(node if place else None for node, place in zip(stated.values(), holonomic, strict=True))
+    positions = tuple(
+        node if is_holonomic else None for node, is_holonomic in zip(stated.values(), holonomic, strict=True)
+    )
     moved = tangents(stated.values(), along)
-    velocities = tuple(moved(node) if place else node for node, place in zip(stated.values(), holonomic, strict=True))
+    velocities = tuple(
+        moved(node) if is_holonomic else node for node, is_holonomic in zip(stated.values(), holonomic, strict=True)
+    )
     columns = [tangents(velocities, {symbol: graph.one}) for symbol in v]
     rate = tangents(velocities, along)
     return ConstraintEquations(

@@ -48,10 +48,10 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
         return 1
     if node.is_Mul or node.is_Add:
         degrees = [_degree(part, velocities) for part in node.args]
-        known = [degree for degree in degrees if degree is not None]
-        if len(known) < len(degrees):
+        visible = [degree for degree in degrees if degree is not None]
+        if len(visible) < len(degrees):
             return None
-        return sum(known) if node.is_Mul else known[0] if known.count(known[0]) == len(known) else None
+        return sum(visible) if node.is_Mul else visible[0] if visible.count(visible[0]) == len(visible) else None
     if node.is_Pow and node.exp.is_Integer:
         degree = _degree(node.base, velocities)
         return None if degree is None else degree * int(node.exp)
@@ -84,10 +84,10 @@ def seen_mixed(statement: Statement) -> bool:
     """
     draw = random.Random(1)
     fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), LAW_DIGITS) for leaf in (*statement.parameters, t)}
-    places = {q: sympy.Float(draw.uniform(0.3, 1.5), LAW_DIGITS) for q in statement.coordinates}
+    positions = {q: sympy.Float(draw.uniform(0.3, 1.5), LAW_DIGITS) for q in statement.coordinates}
     moving = {v: sympy.Float(draw.uniform(0.1, 0.5), LAW_DIGITS) for v in statement.velocities}
     ends = [
-        statement.kinetic.xreplace({**places, **{v: k * x for v, x in moving.items()}})
+        statement.kinetic.xreplace({**positions, **{v: k * x for v, x in moving.items()}})
         for k in (1, -1, SECOND, -SECOND)
     ]
     if any(end.has(AppliedUndef) for end in ends):
@@ -386,11 +386,11 @@ class Decisions:
 
         Positions are corrected first, then velocities.
         """
-        laws, held = self.laws, self.laws.constraints
-        places = [i for i, phi in enumerate(held.positions) if phi is not None]
+        laws, constraints = self.laws, self.laws.constraints
+        holonomic = [i for i, phi in enumerate(constraints.positions) if phi is not None]
         for rows, symbols, nodes in (
-            (places, laws.q, held.positions),
-            (range(len(held)), laws.v, held.velocities),
+            (holonomic, laws.q, constraints.positions),
+            (range(len(constraints)), laws.v, constraints.velocities),
         ):
             moved = self._corrected(point, rows, symbols, [nodes[i] for i in rows if nodes[i] is not None])
             if moved is None:

@@ -68,9 +68,9 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
         rates = [page.at_constant_velocities(page.read(entry)) for entry in position]
         squares = (page.algebra.multiply(rate, rate) for rate in rates)
         squared = page.algebra.merge_angles(page.algebra.add({}, *squares))
-        mass, place = next(_masses(page, squared, left), (None, 0))
+        mass, index = next(_masses(page, squared, left), (None, 0))
         if mass is not None:
-            del left[place]
+            del left[index]
             plain = plain and all(_plain(page, rate) for rate in rates)
             points.append(MassPoint(name, mass, tuple(position), tuple(map(page.show, rates)), page.show(squared)))
     return () if plain else tuple(points)
@@ -81,13 +81,13 @@ def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum
     if not squared:
         return
     number, monomial, rest = common_factor(squared)
-    for place, term in enumerate(terms):
+    for index, term in enumerate(terms):
         other_number, other, other_rest = common_factor(term)
         for factor in (S.One, S.NegativeOne):
             if {key: factor * value for key, value in other_rest.items()} == rest:
                 mass = _ratio(page, other, monomial, factor * other_number / number / HALF)
                 if _is_mass(page, mass):
-                    yield page.finish(mass), place
+                    yield page.finish(mass), index
 
 
 def _ratio(page: TextbookAlgebra, above: Monomial, below: Monomial, number: Any) -> Any:

@@ -284,7 +284,7 @@ class Equations:
 
     @cached_property
     def programs(self) -> dict[str, Any]:
-        """Programs of quantities by name, shared by all machines; see `lagrange.program.catalogue.program_of`."""
+        """Programs of quantities by name, which `program_of` fills and all machines share."""
         return {}
 
     @cached_property
@@ -327,9 +327,9 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
     laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, bias, mass, constraints)
     structure = find_structure(statement, laws, accelerations, first_order)
-    known = {leaf: translate(value) for leaf, value in statement.prescribed}
-    known |= zip(map(acceleration_of, statement.coordinates), accelerations, strict=True)
-    known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
+    prescribed = {leaf: translate(value) for leaf, value in statement.prescribed}
+    prescribed |= zip(map(acceleration_of, statement.coordinates), accelerations, strict=True)
+    prescribed |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
     return Equations(
         graph=graph,
         q=q,
@@ -337,7 +337,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         rate=v,
         time=time,
         parameters=parameters,
-        leaves=leaves | known,
+        leaves=leaves | prescribed,
         lagrangian=lagrangian,
         momenta=tuple(momenta),
         forces=tuple(forces),
@@ -355,7 +355,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         plan=plan,
         structure=structure,
         layout=StateLayout(statement.names, statement.names),
-        turning=turning(statement, graph, leaves | known),
+        turning=turning(statement, graph, leaves | prescribed),
     )
 
 
@@ -501,8 +501,12 @@ def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Stat
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
     nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]
-    for held in (e.constraints, e.stated):
-        nodes += [*(phi for phi in held.positions if phi is not None), *held.velocities, *held.bias]
+    for equations_of_constraints in (e.constraints, e.stated):
+        nodes += [
+            *(phi for phi in equations_of_constraints.positions if phi is not None),
+            *equations_of_constraints.velocities,
+            *equations_of_constraints.bias,
+        ]
     depends = 0
     for node in nodes:
         depends |= node.depends
@@ -516,19 +520,19 @@ def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Stat
     def has(expression: Any) -> bool:
         return bool(expression.free_symbols & dropped)
 
-    known = dict(statement.prescribed)
-    lost = {leaf for leaf in e.leaves if leaf in dropped or (leaf in known and has(known[leaf]))}
-    kept = [place for place, symbol in enumerate(statement.parameters) if symbol not in dropped]
+    prescribed = dict(statement.prescribed)
+    lost = {leaf for leaf in e.leaves if leaf in dropped or (leaf in prescribed and has(prescribed[leaf]))}
+    kept = [index for index, symbol in enumerate(statement.parameters) if symbol not in dropped]
     return (
         replace(
             statement,
-            parameters=tuple(statement.parameters[place] for place in kept),
+            parameters=tuple(statement.parameters[index] for index in kept),
             inputs=tuple((s, rate if rate not in dropped else None) for s, rate in rates.items() if s not in dropped),
             prescribed=tuple((leaf, value) for leaf, value in statement.prescribed if not has(value)),
         ),
         replace(
             e,
-            parameters=tuple(e.parameters[place] for place in kept),
+            parameters=tuple(e.parameters[index] for index in kept),
             leaves={leaf: node for leaf, node in e.leaves.items() if leaf not in lost},
         ),
     )

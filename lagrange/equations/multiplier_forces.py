@@ -92,12 +92,12 @@ def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> lis
             f"the forces of {system} contain multipliers, and its mass matrix d2L/dv2 is singular: give every "
             "coordinate kinetic energy, or state the force in coordinates and velocities."
         )
-    places = [n + e.stated.names.index(name) for name in names]
+    indices = [n + e.stated.names.index(name) for name in names]
     matrix = [list(row) for row in e.matrix]
-    for symbol, place in zip(symbols, places, strict=True):
+    for symbol, index in zip(symbols, indices, strict=True):
         slope = tangents(right, {symbol: e.graph.one})
         for row, entry in zip(matrix, right, strict=True):
-            row[place] = row[place] + slope(entry)
+            row[index] = row[index] + slope(entry)
     if generic_rank(matrix) < len(matrix):
         raise StatementError(
             f"the multipliers of {system} are not determined: its constraints depend on one another, or the "
@@ -105,4 +105,4 @@ def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> lis
         )
     order = [unknown for block in e.plan.blocks for unknown in block]
     solution = eliminated(matrix, substitute(right, dict.fromkeys(symbols, zero)), order)
-    return [-solution[place] for place in places]
+    return [-solution[index] for index in indices]

@@ -136,33 +136,35 @@ def matrices_at(
     made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return M (n, n) and G (m, n) at a state (2n,)."""
-    held, n = equations.constraints, len(equations.q)
-    entries = tuple(entry for row in held.gradient for entry in row)
+    constraints, n = equations.constraints, len(equations.q)
+    entries = tuple(entry for row in constraints.gradient for entry in row)
     with np.errstate(all="ignore"):
         mass = made.interpreted("mass_matrix")(t, y, parameters)
         gradient = made.function("gradient", entries)(t, y, parameters) if entries else np.empty(0)
-    return mass, gradient.reshape(len(held), n)
+    return mass, gradient.reshape(len(constraints), n)
 
 
 def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
     """Return the message for a state (2n,) without accelerations: the place, the singularity and the remedy."""
     layout, names = equations.layout, equations.constraints.names
-    place = ", ".join([f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))])
+    state_text = ", ".join(
+        [f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))]
+    )
     worst = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
     if worst is None or worst.regularity > NEARLY_SINGULAR:
         return (
-            f"the mass matrix is singular at {place}: the accelerations are not determined there. Start elsewhere, or "
-            "choose coordinates that are regular at this configuration."
+            f"the mass matrix is singular at {state_text}: the accelerations are not determined there. Start "
+            "elsewhere, or choose coordinates that are regular at this configuration."
         )
     if worst.motion is not None:
         return (
             f"a motion with {motion_along(layout.rates, worst.motion)} satisfies the constraints and has no inertia at "
-            f"{place}: the accelerations are not determined there. Add the kinetic energy that is missing, or start "
-            "elsewhere."
+            f"{state_text}: the accelerations are not determined there. Add the kinetic energy that is missing, or "
+            "start elsewhere."
         )
     relations = any(names[i].startswith(RELATION) for i, _ in worst.rows)
     what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or state one constraint less")
-    return f"{dependent_rows(names, worst)} at {place}: {what} Start elsewhere{remedy}."
+    return f"{dependent_rows(names, worst)} at {state_text}: {what} Start elsewhere{remedy}."
 
 
 FIRST_ORDER = "the accelerations are not determined there."

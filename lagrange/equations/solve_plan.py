@@ -68,12 +68,12 @@ def _minor(
     if not rows:
         return {ONE: Integer(sign)}
     total: MonomialSum = {}
-    for place, column in enumerate(columns):
+    for index, column in enumerate(columns):
         entry = matrix[rows[0]][column]
         if entry:
-            rest = columns[:place] + columns[place + 1 :]
+            rest = columns[:index] + columns[index + 1 :]
             total = algebra.add(
-                total, algebra.multiply(entry, _minor(algebra, matrix, rows[1:], rest, sign * (-1) ** place))
+                total, algebra.multiply(entry, _minor(algebra, matrix, rows[1:], rest, sign * (-1) ** index))
             )
     return algebra.merge_angles(total)
 
@@ -140,12 +140,12 @@ class NestedCofactors:
         key = (rows, columns)
         if key not in self._minors:
             parts, size = [], 0
-            for place, column in enumerate(columns):
+            for index, column in enumerate(columns):
                 entry = self._matrix[rows[0]][column]
                 if entry != 0:
-                    minor, length = self._minor(rows[1:], columns[:place] + columns[place + 1 :])
+                    minor, length = self._minor(rows[1:], columns[:index] + columns[index + 1 :])
                     if minor != 0:
-                        parts.append(Mul((-1) ** place, entry, minor))
+                        parts.append(Mul((-1) ** index, entry, minor))
                         size = self._bounded(size + length + self._entry_sizes[rows[0]][column])
             self._minors[key] = Add(*parts), size
         return self._minors[key]
@@ -201,8 +201,8 @@ def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers:
 
     A multiplier waits until the accelerations in its row are eliminated.
     """
-    place = {unknown: i for i, unknown in enumerate(block)}
-    ends = band_order([[place[j] for j in neighbours[i]] for i in block])
+    ranks = {unknown: i for i, unknown in enumerate(block)}
+    ends = band_order([[ranks[j] for j in neighbours[i]] for i in block])
     rank = {block[i]: k for k, i in enumerate(ends)}
     multiplier_set = frozenset(multipliers)
     beside = {i: {j for j in neighbours[i] if j != i} for i in block}
@@ -257,11 +257,11 @@ class SolvePlan:
     def triangle(self) -> tuple[tuple[int, int], ...]:
         """Index pairs (i, j) of the entries that are read: lower triangles by rows, block by block."""
         lower = ((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
-        return tuple(place for place in lower if self.present is None or place in self.present)
+        return tuple(entry for entry in lower if self.present is None or entry in self.present)
 
     def negative(self, block: Sequence[int]) -> tuple[int, ...]:
         """Return the positions in a block of the unknowns with negative pivots."""
-        return tuple(place for place, unknown in enumerate(block) if unknown in self.multipliers)
+        return tuple(index for index, unknown in enumerate(block) if unknown in self.multipliers)
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
         """Return x of matrix x = right. Factors of a matrix are shared by all right-hand sides."""

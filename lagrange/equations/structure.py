@@ -29,7 +29,7 @@ class Structure:
     - `constraints`: their names; `nonlinear`: names of those that are not linear in the velocities.
     - `workless`: constraint forces do no work.
     - `first_order`: coordinates without inertia.
-    - `freedoms`: the number of velocities, three of each rotation: the length of its quaternion does not count.
+    - `freedoms`: the number of independent velocities; a rotation has three, although its quaternion has four.
     """
 
     names: tuple[str, ...]
@@ -65,8 +65,8 @@ class Structure:
     def energy_kept(self) -> Verdict:
         """True if the energy v.p - L is conserved; None if undecided.
 
-        It is if explicit time, forces and dissipation together do no work. Undecided with constraints that depend on
-        time, or are not homogeneous in the velocities: they may do work.
+        The energy is conserved if explicit time, forces and dissipation together do no work. Constraints that depend on
+        time, or are not homogeneous in the velocities, may do work: then the result is None.
         """
         return self.decisions.powerless if self.workless else None
 

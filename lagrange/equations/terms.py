@@ -159,10 +159,10 @@ class Algebra:
 
     def read(self, expression: Any) -> MonomialSum:
         """Return the expression as a sum of monomials; products of at most `WIDEST_PRODUCT` terms are expanded."""
-        known = self._read.get(expression)
-        if known is None:
-            known = self._read[expression] = self._read_new(expression)
-        return known
+        stored = self._read.get(expression)
+        if stored is None:
+            stored = self._read[expression] = self._read_new(expression)
+        return stored
 
     def write(self, terms: MonomialSum) -> Any:
         """Return the plain, ungrouped SymPy sum."""
@@ -181,7 +181,7 @@ class Algebra:
         return self._free[number]
 
     def add(self, *sums: MonomialSum) -> MonomialSum:
-        """Return the sum."""
+        """Return the sum of one or more sums, without terms that cancel."""
         total = dict(sums[0])
         for terms in sums[1:]:
             for monomial, number in terms.items():
@@ -291,14 +291,14 @@ class Algebra:
         """
         circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
         exponents = dict(monomial)
-        for place, (k, (kind, a)) in enumerate(circular):
+        for index, (k, (kind, a)) in enumerate(circular):
             co = self._circle.get((_CO[kind], a))
             if exponents[k] >= 2:
                 rest, _ = self._join(monomial, ((k, -2),))
                 yield rest, -1, (rest, -(_CO[kind](a) ** 2)), True
                 if co is not None:
                     yield self._join(rest, ((co, 2),))[0], 1, (rest, S.One), False
-            for other, (other_kind, b) in circular[place + 1 :]:
+            for other, (other_kind, b) in circular[index + 1 :]:
                 other_co = self._circle.get((_CO[other_kind], b))
                 if co is not None and other_co is not None and other != co:
                     rest, _ = self._join(monomial, ((k, -1), (other, -1)))

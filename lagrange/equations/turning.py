@@ -30,9 +30,9 @@ class Turning:
     - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
     - `places` maps the other coordinates, and symbols of the entries of rotations, to their derivatives.
     - `starts` maps the symbols of w and of entries to nodes in q and v of the statement.
-    - `spun` maps the index of each quaternion entry among the coordinates to minus twice its derivative, -q w, and to
-      the derivatives of q and v at the start of a step. These two keep the length: errors of v along q would
-      accumulate, and change the energy.
+    - `spun` maps the coordinate index of each quaternion entry to three nodes: -q w, which is minus twice its
+      derivative, and the derivatives of q and v at the start of a step. The latter two restore the length: errors of
+      v along q would accumulate, and change the energy.
     """
 
     velocities: tuple[Node, ...]
@@ -45,7 +45,7 @@ class Turning:
     @property
     def integrals(self) -> dict[Node, Node]:
         """The derivatives of entries of rotations, by their symbols."""
-        return {place: rate for place, rate in self.places.items() if place in self.starts}
+        return {symbol: rate for symbol, rate in self.places.items() if symbol in self.starts}
 
     @property
     def adjacent(self) -> bool:
@@ -122,24 +122,24 @@ def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> T
         return None
     rotations = list(map(rotation_of, statement.rotations))
     bodies = [_Body(graph, each, leaves) for each in rotations]
-    known = {**leaves}
+    nodes = {**leaves}
     for body in bodies:
-        known |= body.leaves
-    translate = Translator(graph, known)
+        nodes |= body.leaves
+    translate = Translator(graph, nodes)
     lagrangian, dissipation = translate(read.kinetic) - translate(read.potential), translate(read.dissipation)
-    others = [known[q] for q in read.coordinates if q in known]
-    velocities = [known[v] for v in read.velocities]
+    others = [nodes[q] for q in read.coordinates if q in nodes]
+    velocities = [nodes[v] for v in read.velocities]
     momenta = gradient(lagrangian, velocities)
     forces = gradient(lagrangian, others)
     for i, body in enumerate(bodies):
         spin = body.spin(momenta[len(others) + 3 * i :][:3])
         forces += [tangents([lagrangian], turn)(lagrangian) + p for turn, p in zip(body.turns, spin, strict=True)]
     parts = zip(forces, map(translate, read.forces), gradient(dissipation, velocities), strict=True)
-    places = dict(zip(others, velocities, strict=False))
+    derivatives = dict(zip(others, velocities, strict=False))
     starts: dict[Node, Node] = {}
     spun: dict[int, tuple[Node, Node, Node]] = {}
     for each, body in zip(rotations, bodies, strict=True):
-        places |= body.rates()
+        derivatives |= body.rates()
         starts |= body.starts
         rows = map(statement.coordinates.index, each.quaternion)
         spun |= zip(rows, zip(body.spun, body.slopes, body.pulls, strict=True), strict=True)
@@ -147,7 +147,7 @@ def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> T
         velocities=tuple(velocities),
         momenta=tuple(momenta),
         forces=tuple(force + applied - drag for force, applied, drag in parts),
-        places=places,
+        places=derivatives,
         starts=starts,
         spun=dict(sorted(spun.items())),
     )

@@ -50,12 +50,12 @@ def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count:
 
     `judge` returns None at a place where it has no value.
     """
-    seen = 0
+    count_so_far = 0
     for verdict in islice(usable(places, judge), count):
         if not verdict:
             return False
-        seen += 1
-    return True if seen == count else None
+        count_so_far += 1
+    return True if count_so_far == count else None
 
 
 Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]

@@ -32,7 +32,10 @@ class StatedConstraints:
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
         """Return m entries: those of holonomic constraints from `by_position`, the others from `by_velocity`."""
-        return [a if place else b for a, b, place in zip(by_position, by_velocity, self.holonomic, strict=True)]
+        return [
+            a if is_holonomic else b
+            for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)
+        ]
 
 
 def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
@@ -71,8 +74,8 @@ def acceleration_level(
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def rates_at(s: Any) -> Numbers:
-        there = along(along(q, v_along, s), a_along, s * s / 2)
-        return _rates(stated, there, along(v, a_along, s), a, t + s * t_along, steps)
+        moved = along(along(q, v_along, s), a_along, s * s / 2)
+        return _rates(stated, moved, along(v, a_along, s), a, t + s * t_along, steps)
 
     unused: Numbers = [0] * len(stated.holonomic)
     return stated.chosen(
@@ -86,8 +89,8 @@ def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def values_at(s: Any) -> Sequence[Any]:
-        there = along(along(q, v_along, s), a_along, s * s / 2)
-        values: Sequence[Any] = stated.for_rates(there, along(v, a_along, s), t + s * t_along)
+        moved = along(along(q, v_along, s), a_along, s * s / 2)
+        values: Sequence[Any] = stated.for_rates(moved, along(v, a_along, s), t + s * t_along)
         return values
 
     return central(values_at, steps.motion)
@@ -140,28 +143,28 @@ class ConstraintSurface:
         Raises OutsideDomain if the corrections do not converge, or if the constraints are dependent there.
         """
         values = {p: self.number(x) for p, x in parameters.items()}
-        places, rates, t = list(map(self.number, q)), list(map(self.number, v)), self.number(t)
+        position, rates, t = list(map(self.number, q)), list(map(self.number, v)), self.number(t)
 
         def zero(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
             return self.tape(q, v, t, values)
 
         stated = StatedConstraints.alike(zero, self.holonomic)
-        rows = [i for i, place in enumerate(self.holonomic) if place]
+        rows = [i for i, is_holonomic in enumerate(self.holonomic) if is_holonomic]
 
         def steps(q: Numbers, v: Numbers) -> DifferenceSteps:
             return DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
 
         def on_positions(q: Numbers) -> tuple[Numbers, list[Numbers]]:
-            found, slopes = zero(q, rates, t), gradient(stated, q, rates, t, steps(q, rates))
-            return [found[i] for i in rows], [slopes[i] for i in rows]
+            residual, slopes = zero(q, rates, t), gradient(stated, q, rates, t, steps(q, rates))
+            return [residual[i] for i in rows], [slopes[i] for i in rows]
 
         def on_velocities(v: Numbers) -> tuple[Numbers, list[Numbers]]:
-            there = steps(places, v)
-            return velocity_level(stated, places, v, t, there), gradient(stated, places, v, t, there)
+            new_steps = steps(position, v)
+            return velocity_level(stated, position, v, t, new_steps), gradient(stated, position, v, t, new_steps)
 
         if rows:
-            places = self._corrected(places, on_positions)
-        return places, self._corrected(rates, on_velocities)
+            position = self._corrected(position, on_positions)
+        return position, self._corrected(rates, on_velocities)
 
     def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
         """Return x after Newton corrections -G^T z with G G^T z = residual, until the corrections are rounding errors.

@@ -112,7 +112,7 @@ def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
 def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
     """Return pairs (term, its coordinates and velocities) of an expression; c (a + b) counts as two terms."""
     moving = frozenset((*statement.coordinates, *statement.velocities))
-    found = []
+    pairs = []
     stack = list(sympy.Add.make_args(expression))
     while stack:
         term = stack.pop()
@@ -121,8 +121,8 @@ def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[A
             rest = term / factors[0]
             stack.extend(rest * part for part in factors[0].args)
         else:
-            found.append((term, leaves(term) & moving))
-    return found
+            pairs.append((term, leaves(term) & moving))
+    return pairs
 
 
 def _by(variables: Sequence[Any], terms: Sequence[tuple[Any, frozenset[Any]]]) -> list[Any]:
@@ -136,12 +136,12 @@ def _by(variables: Sequence[Any], terms: Sequence[tuple[Any, frozenset[Any]]]) -
 
 def leaves(expression: Any) -> frozenset[Any]:
     """Return the leaves of an expression: coordinates, velocities, symbols and numbers."""
-    seen, stack = {expression}, [expression]
+    visited, stack = {expression}, [expression]
     while stack:
-        fresh = [child for child in children(stack.pop()) if child not in seen]
-        seen.update(fresh)
+        fresh = [child for child in children(stack.pop()) if child not in visited]
+        visited.update(fresh)
         stack.extend(fresh)
-    return frozenset(node for node in seen if not children(node))
+    return frozenset(node for node in visited if not children(node))
 
 
 StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]
@@ -257,16 +257,16 @@ def momentum_rate(
     rows: Sequence[int] | None = None,
 ) -> Numbers:
     """Return dp/dt for velocities v and accelerations a, n numbers, or only the entries listed in `rows`."""
-    n, here, direction = len(q), [*q, *v], [*v, *a]
-    needed = range(len(here)) if rows is None else sorted({k for i in rows for k in source.read(i)})
+    n, point, direction = len(q), [*q, *v], [*v, *a]
+    needed = range(len(point)) if rows is None else sorted({k for i in rows for k in source.read(i)})
     for k in needed:
         direction[k] *= source.nudge("velocity", k) if k < n else source.nudge("acceleration", k - n)
     t_along = source.nudge("time", 0)
 
     def momenta_at(s: Any) -> Numbers:
-        y = list(here)
+        y = list(point)
         for k in needed:
-            y[k] = here[k] + s * direction[k]
+            y[k] = point[k] + s * direction[k]
         return momenta(source, y[:n], y[n:], t + s * t_along, steps, rows)
 
     return central(momenta_at, steps.motion)

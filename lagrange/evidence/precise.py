@@ -348,8 +348,8 @@ class Precise:
         self._values = None  # until all values are consistent again
         number = self.context.mpf
         for bit, (slot, (kind, key)) in enumerate(self._load):
-            given = q[key] if kind == "q" else v[key] if kind == "v" else t if kind == "t" else parameters[key]
-            raw = given._mpf_ if isinstance(given, number) else number(given)._mpf_
+            value = q[key] if kind == "q" else v[key] if kind == "v" else t if kind == "t" else parameters[key]
+            raw = value._mpf_ if isinstance(value, number) else number(value)._mpf_
             if values[slot] != raw:
                 values[slot] = raw
                 changed |= 1 << bit

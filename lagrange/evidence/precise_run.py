@@ -500,9 +500,9 @@ def _rule(s: int, context: Any) -> _Rule:
     once = np.array(matrix, dtype=float)
     rows = [tuple((2 * k + 1) * w * p[k] for w, p in zip(weights, table, strict=True)) for k in range(s)]
     middle, tail = rows[s // 2 : s // 2 + 3], rows[-3:]
-    spectrum, places = np.array(rows, dtype=float), np.array(points, dtype=float)
+    spectrum, nodes = np.array(rows, dtype=float), np.array(points, dtype=float)
     exact = tuple(points), tuple(weights), tuple(matrix)
-    return _Rule(*exact, places, once, once @ once, spectrum, tuple(middle), tuple(tail))
+    return _Rule(*exact, nodes, once, once @ once, spectrum, tuple(middle), tuple(tail))
 
 
 def _root(context: Any, s: int, x: Any) -> Any:

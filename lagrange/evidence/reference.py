@@ -105,8 +105,8 @@ class Reference:
         """
         self.inspect(point)
         steps = self._steps(point)
-        plain, held = self._plain(point)
-        results = [self._laws(plain, held, point, steps.times(scale), columns) for scale in (1, 0.5)]
+        plain, on_constraints = self._plain(point)
+        results = [self._laws(plain, on_constraints, point, steps.times(scale), columns) for scale in (1, 0.5)]
         results += [self._perturbed(k, point, steps, columns) for k in range(PERTURBED_COPIES)]
         unit = self.number(PERTURBATION)
 
@@ -119,12 +119,12 @@ class Reference:
         entries = {}
         for name in results[0]:
             # A perturbed copy may exchange other rows, which fills other entries.
-            places = sorted(set().union(*(result[name] for result in results)))
-            coarse, fine, *samples = ([result[name].get(place, 0) for place in places] for result in results)
+            indices = sorted(set().union(*(result[name] for result in results)))
+            coarse, fine, *samples = ([result[name].get(index, 0) for index in indices] for result in results)
             value, error, _ = laws.extrapolated(coarse, fine)
             sizes = list(map(size, value, coarse, zip(*samples, strict=True)))
-            length = lengths.get(name, len(places))
-            entries[name] = ReferenceEntries(*(_spread(x, places, length) for x in (value, error, sizes)))
+            length = lengths.get(name, len(indices))
+            entries[name] = ReferenceEntries(*(_spread(x, indices, length) for x in (value, error, sizes)))
             entries[name].check_smooth()
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
         return self._with_rates(entries, point, columns)
@@ -169,10 +169,10 @@ class Reference:
         """
         outcomes: tuple[int | None, ...] = ()
         for source in (self.lagrangian, self.loads, self.held):
-            found = source.inspect(point.q, point.v, point.t, point.parameters)
-            if found.largest > EXPONENT_LIMIT:
+            inspection = source.inspect(point.q, point.v, point.t, point.parameters)
+            if inspection.largest > EXPONENT_LIMIT:
                 raise BeyondDoubles("a number beyond the range of double precision")
-            outcomes += found.outcomes
+            outcomes += inspection.outcomes
         return outcomes
 
     def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> dict[str, Row]:
@@ -315,7 +315,7 @@ class Reference:
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
         jacobian = solve([dict(zip(rows(j), change, strict=True)) for j, change in zip(columns, changes, strict=True)])
-        found = {
+        entries = {
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
@@ -326,17 +326,17 @@ class Reference:
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
         if self.holonomic:
-            found |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
-            found["constraints"] = [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)]
-        return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in found.items()}
+            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
+            entries["constraints"] = [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)]
+        return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
         """Return dp/dt - f of the coordinates without inertia as constraints on velocities."""
 
         def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
             still = [self.number(0)] * len(q)
-            found = laws.residual(source, list(q), list(v), still, t, steps)
-            return [found[i] for i in self.first_order]
+            residuals = laws.residual(source, list(q), list(v), still, t, steps)
+            return [residuals[i] for i in self.first_order]
 
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
@@ -391,8 +391,8 @@ def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nu
 def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:
     """Return a list of `length` numbers: `numbers` at the indices `places`, and zeros elsewhere."""
     whole = [0] * length
-    for place, number in zip(places, numbers, strict=True):
-        whole[place] = number
+    for index, number in zip(places, numbers, strict=True):
+        whole[index] = number
     return whole
 
 

@@ -323,9 +323,9 @@ def computed_batch(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
-    singles = [computed(model, name, beside, columns) for beside in near]
-    q, v = (np.array([getattr(beside, part) for beside in near]).T for part in ("q", "v"))
-    t = np.array([beside.t for beside in near])
+    singles = [computed(model, name, shifted, columns) for shifted in near]
+    q, v = (np.array([getattr(shifted, part) for shifted in near]).T for part in ("q", "v"))
+    t = np.array([shifted.t for shifted in near])
     try:
         block = _evaluate(model, name, q, v, t, point.parameters, columns)
     except RunError:

@@ -93,8 +93,8 @@ class Scales:
 
     def _row(self, form: Form) -> _Row:
         unknowns = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
-        known = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
-        return _Row(unknowns, known, form.get(UNIT, 0.0))
+        others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
+        return _Row(unknowns, others, form.get(UNIT, 0.0))
 
     def _read(self, expression: Any) -> None:
         """Add the rows of an expression, children first."""
@@ -133,11 +133,11 @@ RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, symp
 
 
 def _product(parts: Sequence[Form]) -> Form:
-    found: Form = {}
+    product: Form = {}
     for part in parts:
         for symbol, power in part.items():
-            found[symbol] = found.get(symbol, 0.0) + power
-    return {symbol: power for symbol, power in found.items() if power or symbol is UNIT}
+            product[symbol] = product.get(symbol, 0.0) + power
+    return {symbol: power for symbol, power in product.items() if power or symbol is UNIT}
 
 
 class _Solution:
@@ -177,8 +177,8 @@ class _Solution:
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:
-            known = sum(power * self.sizes[other] for other, power in powers.items() if other in self.sizes)
-            self.sizes[unknown] = -(unit + known) / powers[unknown]
+            total = sum(power * self.sizes[other] for other, power in powers.items() if other in self.sizes)
+            self.sizes[unknown] = -(unit + total) / powers[unknown]
         return last
 
 
@@ -318,7 +318,7 @@ class Sampler:
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return q and v after the moves. A characteristic size other than 1 replaces the size of a move."""
         every = zip([*moves[0], *moves[1]], scales, strict=True)
-        state = tuple(place + (size if scale == 1.0 else scale) * x for (place, x, size), scale in every)
+        state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]
 
     def _within(self, t: float) -> float:

@@ -122,12 +122,12 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
     """Return the states at the times. Each is the end of a run from the previous time, so none is interpolated."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
-    y, now, found = problem.y0, problem.t0, []
+    y, now, states = problem.y0, problem.t0, []
     for then in times:
         y = flow(y, now, then, problem.parameters)
         now = then
-        found.append(tuple(y.tolist()))
-    return tuple(found)
+        states.append(tuple(y.tolist()))
+    return tuple(states)
 
 
 def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float:

@@ -141,8 +141,8 @@ def _refuse(
     if "runs" in target.contents:
         _refuse_runs(target, methods)
     steps = bool(methods) and "runs" not in target.contents
-    for kind, asked in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
-        if asked and kind not in target.contents:
+    for kind, requested in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
+        if requested and kind not in target.contents:
             what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
             able = [name for name, other in every_target().items() if kind in other.contents]
             raise StatementError(

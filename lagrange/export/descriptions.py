@@ -100,7 +100,7 @@ def outcome_texts(quote: str = '"') -> list[str]:
 
 def about_of(module: SourceModule, procedure: Procedure) -> str:
     """Return the description of a public function; for a quantity, with the names of its results."""
-    quantity = next((one for one in module.quantities if one.procedure is procedure), None)
+    quantity = next((candidate for candidate in module.quantities if candidate.procedure is procedure), None)
     if quantity is None:
         return procedure.about
     return f"{quantity.about} out: {', '.join(quantity.results)}."
@@ -122,9 +122,9 @@ def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, 
 
 def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
     """Return the array arguments of a public function by name, with the number of entries that it uses."""
-    arrays = {one.name: one.type for one in procedure.parameters if isinstance(one.type, Array)}
-    found = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
-    return {name: length for name, length in found.items() if length}
+    arrays = {parameter.name: parameter.type for parameter in procedure.parameters if isinstance(parameter.type, Array)}
+    sizes_by_name = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
+    return {name: length for name, length in sizes_by_name.items() if length}
 
 
 def columns(module: SourceModule) -> str:
@@ -136,26 +136,28 @@ def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator] | Non
     """Return the run of `main` and its integrator, or None if `main` is not exported."""
     if module.run is None:
         return None
-    return module.run, next(one for one in module.integrators if one.adaptive)
+    return module.run, next(integrator for integrator in module.integrators if integrator.adaptive)
 
 
 def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
     """Return an integrator by name."""
-    return next(one for one in module.integrators if one.name == name)
+    return next(integrator for integrator in module.integrators if integrator.name == name)
 
 
 def records_of(procedures: Sequence[Procedure]) -> list[Record]:
     """Return every record type that some procedures use, each once."""
-    found: dict[Record, None] = {}
+    records: dict[Record, None] = {}
     for procedure in procedures:
-        found |= dict.fromkeys(one.type for one in procedure.parameters if isinstance(one.type, Record))
+        records |= dict.fromkeys(
+            parameter.type for parameter in procedure.parameters if isinstance(parameter.type, Record)
+        )
         blocks = [procedure.body]
         while blocks:
             for statement in blocks.pop():
                 if isinstance(statement, ReserveRecord):
-                    found[statement.record] = None
+                    records[statement.record] = None
                 blocks += inner(statement)
-    return list(found)
+    return list(records)
 
 
 COMMENT_WIDTH = 104
@@ -203,11 +205,11 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
             yield from _formula(f"force on {name}", write(force))
     if statement.dissipation != 0:
         yield from _formula("D", write(statement.dissipation))
-    for one in statement.constraints:
-        yield from _formula(f"constraint {one.name}", f"{write(one.expression)} = 0")
-    for known in statement.known_motions:
+    for constraint in statement.constraints:
+        yield from _formula(f"constraint {constraint.name}", f"{write(constraint.expression)} = 0")
+    for motion in statement.known_motions:
         yield from wrapped(
-            known if isinstance(known, str) else f"{name_of(known[0])} = {write(known[1])}", COMMENT_WIDTH
+            motion if isinstance(motion, str) else f"{name_of(motion[0])} = {write(motion[1])}", COMMENT_WIDTH
         )
     for k, event in enumerate(events):
         yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
@@ -261,5 +263,5 @@ def _with_unit(statement: Statement, name: str) -> str:
 
 def _valued(statement: Statement, parameter: Any) -> str:
     value, unit = statement.defaults.get(parameter), unit_of(statement, parameter.name)
-    given = "" if value is None else f" = {value!r}"
-    return f"{parameter.name}{given} [{unit}]" if unit else f"{parameter.name}{given}"
+    written = "" if value is None else f" = {value!r}"
+    return f"{parameter.name}{written} [{unit}]" if unit else f"{parameter.name}{written}"

@@ -155,8 +155,10 @@ class Statements:
 
 def body(function: Callable[..., Any], statements: Statements) -> list[str]:
     """Return the lines of the body of one of the functions above in a language, indented by one level."""
-    found = _statements(function)
-    return [f"    {line}" for line in _Printer(statements, _changed(found)).block(found)]
+    statements_of_function = _statements(function)
+    return [
+        f"    {line}" for line in _Printer(statements, _changed(statements_of_function)).block(statements_of_function)
+    ]
 
 
 def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
@@ -191,27 +193,27 @@ class _Printer:
     def block(self, body: Sequence[ast.stmt]) -> Iterator[str]:
         """Yield the lines of statements."""
         style = self.statements
-        for one in body:
-            match one:
+        for statement in body:
+            match statement:
                 case ast.For(target=ast.Name(id=index), iter=ast.Call(func=ast.Name(id=kind), args=args)):
                     self.indices[index] = None
                     inner = args[0].args if kind == "reversed" and isinstance(args[0], ast.Call) else args
                     start, stop = self._range(inner)
                     yield (style.back if kind == "reversed" else style.loop).format(index, start, stop)
-                    yield from (f"    {line}" for line in self.block(one.body))
+                    yield from (f"    {line}" for line in self.block(statement.body))
                     yield style.end_loop
                 case ast.If():
-                    yield style.when.format(self.text(one.test))
-                    yield from (f"    {line}" for line in self.block(one.body))
+                    yield style.when.format(self.text(statement.test))
+                    yield from (f"    {line}" for line in self.block(statement.body))
                     yield style.end_when
                 case ast.Assign(targets=[ast.Name(id=name)]):
-                    yield self._assigned(name, one.value)
+                    yield self._assigned(name, statement.value)
                 case ast.Assign(targets=[ast.Tuple(elts=[first, second])]):
                     yield (style.local or style.store).format(name="kept", value=self.text(first), mut="")
                     yield style.stored(self.text(first), self.text(second))
                     yield style.stored(self.text(second), "kept")
                 case ast.Assign(targets=[target]):
-                    yield style.stored(self.text(target), self.text(one.value))
+                    yield style.stored(self.text(target), self.text(statement.value))
                 case ast.Return(value=ast.expr() as value):
                     yield style.leave.format(self.text(value))
 

@@ -58,13 +58,13 @@ class ValueNames:
         entries, values = numbered(self.matrix, numbers), numbered(program, numbers)
         matrix = {entries[ref]: name for ref, name in zip(self.matrix.outputs, self.entries, strict=True)}
         stated = {"state": self.state, "parameter": self.parameters, "constant": (), "time": ()}
-        found = {}
-        for ref, one in enumerate(program.instructions):
-            if one.op not in stated and values[ref] in matrix:
-                found[ref] = matrix[values[ref]]
-            elif one.place < len(stated.get(one.op, ())):
-                found[ref] = stated[one.op][one.place]
-        return found
+        names = {}
+        for ref, instruction in enumerate(program.instructions):
+            if instruction.op not in stated and values[ref] in matrix:
+                names[ref] = matrix[values[ref]]
+            elif instruction.place < len(stated.get(instruction.op, ())):
+                names[ref] = stated[instruction.op][instruction.place]
+        return names
 
 
 def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
@@ -72,11 +72,11 @@ def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
 
     `numbers` collects the numbers of several programs.
     """
-    found: list[int] = []
-    for one in program.instructions:
-        moved = one._replace(args=tuple(found[arg] for arg in one.args))
-        found.append(numbers.setdefault(moved, len(numbers)))
-    return found
+    result: list[int] = []
+    for instruction in program.instructions:
+        moved = instruction._replace(args=tuple(result[arg] for arg in instruction.args))
+        result.append(numbers.setdefault(moved, len(numbers)))
+    return result
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ class SourceModule:
     @property
     def public(self) -> tuple[Procedure, ...]:
         """The procedures that a user calls, in order."""
-        functions = [one.procedure for one in self.quantities]
-        return (self.prepare, *functions, *(one.procedure for one in self.integrators))
+        functions = [quantity.procedure for quantity in self.quantities]
+        return (self.prepare, *functions, *(quantity.procedure for quantity in self.integrators))
 
     @property
     def procedures(self) -> tuple[Procedure, ...]:

@@ -70,12 +70,12 @@ def test_text(module: SourceModule, script: Script, **given: object) -> str:
 
 def fields_of(module: SourceModule) -> dict[str, object]:
     """Return the fields that all templates contain: names, lengths, and the number of results that the test reads."""
-    quantities = sum(len(one.results) * len(one.results[0]) for one in module.checks)
+    quantities = sum(len(check.results) * len(check.results[0]) for check in module.checks)
     return {
         "module": module.name,
         "states": len(module.state),
         "prepared": max(module.prepared, 1),
-        "count": quantities + sum(len(one.result) for one in module.step_checks),
+        "count": quantities + sum(len(check.result) for check in module.step_checks),
     }
 
 
@@ -102,14 +102,14 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
     """Return the arguments of an integrator in its test, in order."""
     integrator, literals = integrator_of(module, check.name), script.literals
     begin = literals.real(check.time)
-    given = {"y": "y", "p": "p"}
+    texts = {"y": "y", "p": "p"}
     if integrator.adaptive:
         tolerances = dict.fromkeys(("rtol", "atol"), literals.real(TEST_TOLERANCE))
         end = literals.real(check.time + check.length)
-        given |= {"t": script.time.format(begin), "t_end": end, **tolerances, "max_steps": literals.whole(TEST_STEPS)}
+        texts |= {"t": script.time.format(begin), "t_end": end, **tolerances, "max_steps": literals.whole(TEST_STEPS)}
     else:
-        given |= {"t": begin, "h": literals.real(check.length)}
-    return ", ".join(given[one.name] for one in integrator.procedure.parameters)
+        texts |= {"t": begin, "h": literals.real(check.length)}
+    return ", ".join(texts[parameter.name] for parameter in integrator.procedure.parameters)
 
 
 def main_text(module: SourceModule, script: Script, **given: object) -> str:

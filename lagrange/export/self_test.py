@@ -102,7 +102,9 @@ def _no_states(
 
 def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
     """Return the parameters that are zero as text, such as "k = 0", for a message."""
-    zeros = [f"{one.name} = 0" for one, value in zip(statement.parameters, parameters, strict=True) if not value]
+    zeros = [
+        f"{parameter.name} = 0" for parameter, value in zip(statement.parameters, parameters, strict=True) if not value
+    ]
     return listing(zeros) if zeros else "these parameters"
 
 
@@ -132,10 +134,10 @@ def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
 def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
     """Return the largest relative change of a result when the state changes by a rounding error."""
     moved = tuple(x * (1.0 + (ULP if k % 2 else -ULP)) for k, x in enumerate(y))
-    here, there = own(t, y), own(t, moved)
-    if here is None or there is None:
+    results, moved_results = own(t, y), own(t, moved)
+    if results is None or moved_results is None:
         return math.inf
-    changes = [abs(a - b) / abs(a) if a else abs(b) for a, b in zip(here, there, strict=True)]
+    changes = [abs(a - b) / abs(a) if a else abs(b) for a, b in zip(results, moved_results, strict=True)]
     return max((change if math.isfinite(change) else math.inf for change in changes), default=0.0)
 
 
@@ -143,11 +145,11 @@ def _case(
     program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> _Case | None:
     """Return a state with its results, or None if they do not exist in multiple precision or in doubles."""
-    found = own(t, y)
-    if found is None or not all(map(math.isfinite, found)):
+    computed = own(t, y)
+    if computed is None or not all(map(math.isfinite, computed)):
         return None
     exact = _exact(program, t, y, parameters)
-    return None if exact is None else _Case(t, y, exact, [abs(a - b) for a, b in zip(exact, found, strict=True)])
+    return None if exact is None else _Case(t, y, exact, [abs(a - b) for a, b in zip(exact, computed, strict=True)])
 
 
 def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:

@@ -112,12 +112,12 @@ class StraightLinePrinter:
         self._refuse()
 
     def _refuse(self) -> None:
-        """Raise StatementError, with its name, for a function that the language lacks."""
-        for one in self.program.instructions:
-            if one.op not in STRUCTURE and one.op not in self.language.operations:
+        """Raise StatementError for a function that the language lacks; the message names the function."""
+        for instruction in self.program.instructions:
+            if instruction.op not in STRUCTURE and instruction.op not in self.language.operations:
                 raise StatementError(
-                    f"{self.program.name} contains {one.op}, which {self.language.name} does not have: state the "
-                    "system without it, or choose another target."
+                    f"{self.program.name} contains {instruction.op}, which {self.language.name} does not have: state "
+                    "the system without it, or choose another target."
                 )
 
     def values(self) -> list[str]:
@@ -128,21 +128,21 @@ class StraightLinePrinter:
 
     def _read(self) -> list[int]:
         """Return the values that the outputs need and that are not prepared."""
-        found: dict[int, None] = {}
+        refs: dict[int, None] = {}
         todo = list(self.program.outputs)
         while todo:
             ref = todo.pop()
             if ref in self.kept:
                 self.texts[ref] = ATOM, self.element("p", self.kept[ref])
-            elif ref not in found:
-                found[ref] = None
+            elif ref not in refs:
+                refs[ref] = None
                 todo += self.program.instructions[ref].args
         for ref in sorted(self.texts.keys() & self.names.keys()):
             self._define(ref, self.names[ref], self.texts[ref][1])
         order = {"state": 0, "parameter": 1}
         code = self.program.instructions
         return sorted(
-            found, key=lambda ref: (order.get(code[ref].op, 2), code[ref].place if code[ref].op in order else ref)
+            refs, key=lambda ref: (order.get(code[ref].op, 2), code[ref].place if code[ref].op in order else ref)
         )
 
     def element(self, array: str, place: int) -> str:
@@ -190,13 +190,13 @@ class StraightLinePrinter:
                 row = int(((8 * k + 1) ** 0.5 - 1) / 2)
                 if self.constants.get(ref, 1.0) != 0.0:
                     column = k - row * (row + 1) // 2
-                    place = language.entry.format(name, row + language.first, column + language.first)
-                    self.lines.append(language.stored(place, self.text(ref)))
+                    entry = language.entry.format(name, row + language.first, column + language.first)
+                    self.lines.append(language.stored(entry, self.text(ref)))
         self._system(language.factor, name, n, f"singular{i}", entries)
 
     def _system(self, template: str, name: str, order: int, other: str = "", entries: str = "") -> None:
-        given = {"name": name, "order": order, "rows": order + ROWS}
-        self.lines += template.format(**given, other=other, entries=entries).splitlines()
+        fields = {"name": name, "order": order, "rows": order + ROWS}
+        self.lines += template.format(**fields, other=other, entries=entries).splitlines()
 
     def _operation(self, i: int, one: Instruction) -> None:
         """Print an operation, or store its text if only one other operation reads it."""
@@ -234,32 +234,38 @@ class StraightLinePrinter:
         return text if operator.binds >= least else f"({text})"
 
     def number(self, ref: int, least: int = 0) -> str:
-        """Return the text of a value as a number: a condition becomes one or zero."""
+        """Return a value as a number, in parentheses if its precedence is below `least`.
+
+        A condition becomes one or zero.
+        """
         return self._wrapped(ref, least, self.language.number if self._is_flag(ref) else None)
 
     def condition(self, ref: int, least: int = 0) -> str:
-        """Return the text of a value as a condition: a number is true unless it is zero."""
+        """Return a value as a condition, in parentheses if its precedence is below `least`.
+
+        A nonzero number is true.
+        """
         if not self._is_flag(ref):
             self.needed["condition"] = None
         return self._wrapped(ref, least, None if self._is_flag(ref) else self.language.condition)
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
-        level, found = self.texts[ref]
-        return found if level >= least else f"({found})"
+        """Return a value as an operand, in parentheses if its precedence is below `least`."""
+        level, operand = self.texts[ref]
+        return operand if level >= least else f"({operand})"
 
     def status(self, more: Sequence[int] = ()) -> str:
         """Return the condition that some matrix is singular; `more` are further conditions for it."""
         either = self.language.operations["or"]
         parts = [(ATOM, name) for name in self.singular] + [self.texts[ref] for ref in more]
-        level, found = parts[0] if parts else (ATOM, self.language.literals.flags[0])
+        level, condition = parts[0] if parts else (ATOM, self.language.literals.flags[0])
         for part in parts[1:]:
             texts = [
                 text if binds >= least else f"({text})"
-                for (binds, text), least in zip(((level, found), part), either.operands or (0, 0), strict=True)
+                for (binds, text), least in zip(((level, condition), part), either.operands or (0, 0), strict=True)
             ]
-            level, found = either.binds, either.text.format(*texts)
-        return found
+            level, condition = either.binds, either.text.format(*texts)
+        return condition
 
 
 def with_outputs(
@@ -293,7 +299,7 @@ class Hoisted:
         self._kept: dict[Program, dict[int, int]] = {}
         self._merged: dict[Program, dict[int, int]] = {}
         merged: dict[Instruction, int] = {}
-        places: dict[int, int] = {}
+        indices: dict[int, int] = {}
         for program in programs:
             table: dict[int, int] = {}
             for i, one in enumerate(program.instructions[: program.hoisted]):
@@ -304,10 +310,10 @@ class Hoisted:
             kept = {}
             for i in dict.fromkeys((*read, *program.outputs)):
                 if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAGS):
-                    kept[i] = places.setdefault(table[i], parameters + len(places))
+                    kept[i] = indices.setdefault(table[i], parameters + len(indices))
             self._kept[program], self._merged[program] = kept, table
-        self.size, self.parameters = parameters + len(places), parameters
-        outputs = tuple(places)
+        self.size, self.parameters = parameters + len(indices), parameters
+        outputs = tuple(indices)
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
@@ -316,8 +322,8 @@ class Hoisted:
         They are the number zero, and a comparison of each known result with it.
         """
         zero, table = len(self.program.instructions), self._merged[program]
-        known = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
-        return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in known)]
+        results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
+        return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in results)]
 
     def kept(self, program: Program) -> Mapping[int, int]:
         """Return the indices in p of the prepared values of a program."""
@@ -337,8 +343,8 @@ def checked(program: Program, divisors: Program) -> Program:
 
     def add(*parts: Sequence[Instruction]) -> None:
         for table, part in zip(tables, parts, strict=True):
-            for one in part:
-                table.append(put(one._replace(args=tuple(table[arg] for arg in one.args))))
+            for instruction in part:
+                table.append(put(instruction._replace(args=tuple(table[arg] for arg in instruction.args))))
 
     add(program.instructions[: program.hoisted], divisors.instructions[: divisors.hoisted])
     hoisted = len(code)

@@ -86,8 +86,8 @@ def register(target: type[Target]) -> type[Target]:
         raise StatementError(f"{target!r} is not a target: give a subclass of lagrange.export.target.Target.")
     if TARGETS.get(target.name, target.__module__) != target.__module__:
         target_of(target.name)
-    known = REGISTERED.get(target.name)
-    if known is not None and type(known).__qualname__ != target.__qualname__:
+    present = REGISTERED.get(target.name)
+    if present is not None and type(present).__qualname__ != target.__qualname__:
         raise StatementError(f"there is a target {target.name!r} already: give another name.")
     REGISTERED[target.name] = target()
     return target

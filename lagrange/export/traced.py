@@ -180,7 +180,7 @@ class Library:
     def module(self, module: SourceModule) -> str:
         """Return a module with the functions of all quantities."""
         names = replace(module.names, state=(), parameters=(), entries=distinct(module.names.entries))
-        head, *helpers = self.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
+        head, *helpers = self.text_before(*(quantity.program for quantity in module.quantities)).split("\n\n\n")
         lines = [
             *statement_comment(module, "#"),
             "",
@@ -193,9 +193,9 @@ class Library:
             *commented(" ".join(self.use.split()), "#"),
             *(line for text in helpers for line in ("", "", *text.splitlines())),
         ]
-        for one in module.quantities:
-            lines += ["", "", *commented(f"{one.about} Results: {', '.join(one.results)}.", "#")]
-            lines += self.functions(one.program, one.name, names.of(one.program)).splitlines()
+        for quantity in module.quantities:
+            lines += ["", "", *commented(f"{quantity.about} Results: {', '.join(quantity.results)}.", "#")]
+            lines += self.functions(quantity.program, quantity.name, names.of(quantity.program)).splitlines()
         return "\n".join([*lines, ""])
 
     @property

@@ -47,15 +47,15 @@ def export(
     """Write a model for a target into a folder, as `System.export` does; folders that it made go again if it fails."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
-    folder, made = _folder(path)
+    folder, created = _folder(path)
     try:
         module = module_of(model, wanted(chosen, model, contents, declared, parameters), declared, parameters)
         check_operations(chosen, module)
         files = chosen.files(module)
         written = write_together(folder, {name: _writer(text) for name, text in files.items()})
     except BaseException:
-        for one in made:
-            one.rmdir()
+        for new_folder in created:
+            new_folder.rmdir()
         raise
     runs = [] if module.run is None else chosen.run_commands(module)
     return Exported(tuple(written), tuple(chosen.commands(module)), tuple(runs))

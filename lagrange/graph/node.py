@@ -343,7 +343,10 @@ class Graph:
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
     def solve(self, matrix: Rows, right: Sequence[Node], negative: Sequence[int] = ()) -> list[Node]:
-        """Return x of matrix x = right, for a symmetric matrix given by its lower triangle; see `Kind.FACTOR`."""
+        """Return x of matrix x = right, for a symmetric matrix given by its lower triangle.
+
+        `negative` has the indices of the pivots that are negative.
+        """
         n = len(right)
         if n == 1:
             return [self.zero if right[0] is self.zero else right[0] / matrix[0][0]]

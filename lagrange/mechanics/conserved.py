@@ -167,8 +167,8 @@ def _momenta_of_turns(
         if statement.reading is None:
             momentum = stated.show(equation.quantity(candidate))
         else:
-            places = [statement.reading.coordinates.index(turn) for turn in each.turns]
-            momenta = [read.show(read.momenta[place]) for place in places]
+            indices = [statement.reading.coordinates.index(turn) for turn in each.turns]
+            momenta = [read.show(read.momenta[index]) for index in indices]
             weights = [sympy.Integer(k == axis) for k in range(3)] if of_body else each.matrix.row(axis)
             momentum = sum(weight * p for weight, p in zip(weights, momenta, strict=True))
         about = f"{AXES[axis]} of {'the body' if of_body else 'space'}"
@@ -188,7 +188,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
     """Yield the proven symmetries, without those of ignorable coordinates and linear combinations of earlier shifts."""
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
-    known: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
+    earlier: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
     motions = () if body is None else body_motions(stated, body)
     candidates = [*shifts(stated), *rotations(stated), *motions]
     for candidate in candidates:
@@ -196,11 +196,11 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
         if candidate.tau != 0:
             if structure.conservative or not structure.workless:
                 continue
-        elif None not in shift and sympy.Matrix([*known, shift]).rank() == len(known):
+        elif None not in shift and sympy.Matrix([*earlier, shift]).rank() == len(earlier):
             continue
         symmetry = _proven(equation, candidate)
         if symmetry is not None:
-            known += [shift] if None not in shift and candidate.tau == 0 else []
+            earlier += [shift] if None not in shift and candidate.tau == 0 else []
             yield symmetry
 
 
@@ -383,11 +383,11 @@ def _rate_terms(model: Model, expression: Any) -> list[Any]:
     statement = model.statement
     plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
     back = {symbol: leaf for leaf, symbol in plain.items()}
-    given = differentiable(expression.xreplace(plain))
+    smooth = differentiable(expression.xreplace(plain))
     parts = [(plain[t], sympy.S.One)]
     for q, v in zip(statement.coordinates, statement.velocities, strict=True):
         parts += [(plain[q], velocity_of(q)), (plain[v], acceleration_of(q))]
-    slopes = [(given.diff(symbol), rate) for symbol, rate in parts]
+    slopes = [(smooth.diff(symbol), rate) for symbol, rate in parts]
     return [printable(slope).xreplace(back) * rate for slope, rate in slopes if slope != 0]
 
 
@@ -454,19 +454,19 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
     Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
     """
     structure = model.equations.structure
-    places = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
-    if not places or not len(t):
+    indices = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
+    if not indices or not len(t):
         return {}
     q, v = model.layout.split(y)
     with np.errstate(all="ignore"):
-        momenta = np.asarray(model.momenta(q, v, t, parameters))[places]
+        momenta = np.asarray(model.momenta(q, v, t, parameters))[indices]
         some = np.unique(np.linspace(0, len(t) - 1, SIZE_SAMPLES).astype(int))
         kernel = model.interpreted("mass_matrix")
-        mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[places]
+        mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[indices]
         terms = np.abs(mass * v[:, some]).sum(axis=1).max(axis=1, keepdims=True)
         scale = np.maximum(np.abs(momenta).max(axis=1, keepdims=True), terms)
         drifts = np.divide(momenta - momenta[:, :1], scale, out=np.zeros_like(momenta), where=scale > 0)
-    return {f"p_{structure.names[i]}": drift for i, drift in zip(places, drifts, strict=True)}
+    return {f"p_{structure.names[i]}": drift for i, drift in zip(indices, drifts, strict=True)}
 
 
 def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:

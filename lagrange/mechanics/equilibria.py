@@ -77,10 +77,10 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     problem = _Problem(statement, rates)
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:
-        places = problem.searched()
-        if len(places) > MOST_PLACES:
-            raise StatementError(problem.too_many(len(places)))
-        records = [problem.record(values, exact=False) for values in places]
+        solutions = problem.searched()
+        if len(solutions) > MOST_PLACES:
+            raise StatementError(problem.too_many(len(solutions)))
+        records = [problem.record(values, exact=False) for values in solutions]
     else:
         records = [problem.record(values, exact=True) for values in branches]
     if not records:
@@ -110,14 +110,14 @@ class _Problem:
                 f"the forces of {statement.name} depend on time, and no place stays an equilibrium: transform(...) may "
                 "state it in moving coordinates in which they do not."
             )
-        places = [i for i in range(len(form.q)) if i not in self.free]
-        self.unknowns = tuple(form.q[i] for i in places)
-        self.rows = tuple(places)
+        fixed = [i for i in range(len(form.q)) if i not in self.free]
+        self.unknowns = tuple(form.q[i] for i in fixed)
+        self.rows = tuple(fixed)
         self.multipliers = tuple(sympy.Dummy(constraint.name, real=True) for constraint in statement.constraints)
         self.gradient = [[zero.diff(form.q[i]) for i in range(len(form.q))] for zero in self.zeros]
         pushed = [
             forces[i] - sympy.Add(*(m * row[i] for m, row in zip(self.multipliers, self.gradient, strict=True)))
-            for i in places
+            for i in fixed
         ]
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 
@@ -194,27 +194,27 @@ class _Problem:
     def record(self, values: Mapping[Any, Any], *, exact: bool) -> Equilibrium:
         """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution."""
         statement, form = self.statement, self.form
-        places = {
+        coordinates = {
             q: self.principal(symbol, values[symbol]) if symbol in values else symbol
             for q, symbol in zip(statement.coordinates, form.q, strict=True)
         }
         speeds = {v: self.speeds[x] for v, x in zip(statement.velocities, form.v, strict=True) if x in self.speeds}
         zero = sympy.S.Zero
-        q = tuple(zero if x.free_symbols & set(form.q) == {x} else x for x in places.values())
+        q = tuple(zero if x.free_symbols & set(form.q) == {x} else x for x in coordinates.values())
         q = tuple(x.xreplace(dict.fromkeys(form.q, zero)) for x in q)
         point = StatedPoint(form, q, tuple(self.speeds.get(v, zero) for v in form.v), {})
         condition = _condition([*values.values()])
-        known = point.numbers if len(point.numbers) == len(statement.parameters) else None
+        numbers = point.numbers if len(point.numbers) == len(statement.parameters) else None
         exists = True if condition == sympy.true else None
-        if known is not None:
-            exists = all(x == x and abs(x.imag) < 1e-12 for x in (number(x, known) for x in q))
+        if numbers is not None:
+            exists = all(x == x and abs(x.imag) < 1e-12 for x in (number(x, numbers) for x in q))
             if exact:
-                self.check(values, known, exists=exists)
+                self.check(values, numbers, exists=exists)
         decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()
         if exists is not False:
             decided, minors = self.decided(point)
         return Equilibrium(
-            coordinates=MappingProxyType({key: form.written(x) for key, x in places.items()}),
+            coordinates=MappingProxyType({key: form.written(x) for key, x in coordinates.items()}),
             velocities=MappingProxyType(speeds),
             stable=decided.stable,
             reason=decided.reason,

@@ -176,13 +176,13 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
     if not table:
         return statement, at, inputs
     parameters = {p: statement.defaults.get(p) for p in statement.parameters} | dict.fromkeys(table.values())
-    made = rewritten(statement, lambda stated: stated.xreplace(table), parameters=parameters)
-    place = {table.get(key, key): x for key, x in at.items()} if isinstance(at, Mapping) else at
-    return made, place, named
+    result = rewritten(statement, lambda stated: stated.xreplace(table), parameters=parameters)
+    point = {table.get(key, key): x for key, x in at.items()} if isinstance(at, Mapping) else at
+    return result, point, named
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point that the mapping `at` states; see `stated_values`.
+    """Return the point that the mapping `at` states; coordinates, velocities and inputs that it omits are zero.
 
     Each quaternion has the constraint of length one. Raises StatementError for rates of a rotation, too.
     """
@@ -274,7 +274,7 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded to an order in changes of coordinates and velocities; see `System.small`."""
+    """Return the statement expanded about a point to an order in changes of coordinates and velocities."""
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
@@ -344,9 +344,9 @@ class _StatementExpansion:
 
     def check_smooth(self, given: Any, what: str) -> None:
         """Refuse an expression with a corner or a jump at the point."""
-        here = dict(zip(self.symbols, self.values, strict=True))
+        point = dict(zip(self.symbols, self.values, strict=True))
         for edge in edges(given):
-            if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **here})) == 0:
+            if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **point})) == 0:
                 raise StatementError(
                     f"{what} has no expansion about {self.point.where}: it has a corner or a jump where "
                     f"{formula(printable(edge), 60)} is zero, which is there. Choose a point beside it."
@@ -355,11 +355,11 @@ class _StatementExpansion:
     def check_constraints(self) -> None:
         """Refuse a point that is not on the constraints."""
         for constraint in self.form.statement.constraints:
-            here = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
-            if not self.point.is_zero(here, ()):
+            residual = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
+            if not self.point.is_zero(residual, ()):
                 raise StatementError(
-                    f"the point is not on the constraint {constraint.name!r}, which is {formula(printable(here), 80)} "
-                    "there and not zero: give values of all coordinates in it."
+                    f"the point is not on the constraint {constraint.name!r}, which is "
+                    f"{formula(printable(residual), 80)} there and not zero: give values of all coordinates in it."
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:
@@ -379,12 +379,14 @@ class _StatementExpansion:
     @property
     def note(self) -> str:
         """Description of the expansion. It states if the point is not an equilibrium."""
-        done = f"Expanded about {self.point.where} to order {self.order} in changes of coordinates and velocities."
+        description = (
+            f"Expanded about {self.point.where} to order {self.order} in changes of coordinates and velocities."
+        )
         if self.balanced:
-            return done
+            return description
         return (
-            f"{done} That is not an equilibrium: terms of first order remain, and accelerations are those of the "
-            "system at the point alone."
+            f"{description} That is not an equilibrium: terms of first order remain, and accelerations are those of "
+            "the system at the point alone."
         )
 
     @cached_property

@@ -56,8 +56,8 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
     velocities: dict[int, Any] = {}
     energies = []
     for block in blocks:
-        found, energy = solve(form, block, symbols)
-        velocities.update(zip(block, found, strict=True))
+        solutions, energy = solve(form, block, symbols)
+        velocities.update(zip(block, solutions, strict=True))
         energies.append(energy)
     rates = tuple(velocities[i] for i in range(len(form.v)))
     if solve is _inverted:
@@ -148,9 +148,9 @@ def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tu
     if not candidates and len(block) == 1:
         (i,) = block
         candidates = [([root], None) for root in sympy.solve(form.momenta[i] - symbols[i], form.v[i])]
-    for found, energy in candidates:
-        if _is_inverse(form, block, symbols, found):
-            return found, energy
+    for velocities, energy in candidates:
+        if _is_inverse(form, block, symbols, velocities):
+            return velocities, energy
     if is_zero(form.mass.extract(list(block), list(block)).det(method="berkowitz")):
         raise StatementError(_degenerate(form, block))
     names = listing(form.statement.names[i] for i in block)
@@ -182,13 +182,13 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
         definite = (sign * curved).is_positive_definite
         squared = sympy.Symbol("squared", nonnegative=True) if definite else sympy.Symbol("squared", real=True)
         length = {squared: simplest(sign * (column.T * along)[0])}
-        found = []
+        candidates = []
         for root in sympy.solve(4 * slope**2 * (u - rest) - sign * squared, u):
-            held = {u: sympy.factor(sympy.cancel(root))}  # a product, of which roots are taken factor by factor
-            factor = simplest((1 / (2 * slope)).xreplace(held))
-            energy = _with_roots_together(sign * squared * factor - straight.xreplace(held))
-            found.append(([x * factor.xreplace(length) for x in along], energy.xreplace(length)))
-        return found
+            factored = {u: sympy.factor(sympy.cancel(root))}  # a product, of which roots are taken factor by factor
+            factor = simplest((1 / (2 * slope)).xreplace(factored))
+            energy = _with_roots_together(sign * squared * factor - straight.xreplace(factored))
+            candidates.append(([x * factor.xreplace(length) for x in along], energy.xreplace(length)))
+        return candidates
     return []
 
 
@@ -211,8 +211,10 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], f
         momenta = [number(form.momenta[i], values) for i in block]
         if not all(p.imag == 0 for p in momenta):
             return None
-        known = values | {symbols[i]: sympy.Float(p.real, FORMULA_DIGITS) for i, p in zip(block, momenta, strict=True)}
-        again = [number(x, known) for x in found]
+        point_values = values | {
+            symbols[i]: sympy.Float(p.real, FORMULA_DIGITS) for i, p in zip(block, momenta, strict=True)
+        }
+        again = [number(x, point_values) for x in found]
         return all(
             abs(x - values[form.v[i]]) <= LARGEST_ERROR * (1 + abs(x)) for i, x in zip(block, again, strict=True)
         )
@@ -306,8 +308,9 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
     """
     if statement.constraints:
         raise StatementError(
-            f"{statement.name} has constraints ({listing(one.name for one in statement.constraints)}), whose forces "
-            "Hamilton's equations lack: eliminate(...) makes a system without them, where they are on positions."
+            f"{statement.name} has constraints ({listing(constraint.name for constraint in statement.constraints)}), "
+            "whose forces Hamilton's equations lack: eliminate(...) makes a system without them, where they are on "
+            "positions."
         )
     if statement.rotations:
         raise StatementError(
@@ -316,9 +319,9 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
         )
     form = PlainForm(statement)
     momenta = _momenta(statement)
-    found = legendre(form, [sympy.Symbol(p.func.__name__, real=True) for p in momenta])
-    _check(form, found, model)
-    return _record(form, momenta, found, made)
+    transform = legendre(form, [sympy.Symbol(p.func.__name__, real=True) for p in momenta])
+    _check(form, transform, model)
+    return _record(form, momenta, transform, made)
 
 
 def _momenta(statement: Statement) -> list[Any]:
@@ -375,8 +378,8 @@ def _initial(form: PlainForm, momenta: list[Any]) -> dict[Any, float]:
     """Return the initial coordinates, and the momenta where all parameters have values."""
     coordinates = form.statement.coordinates
     start = dict(zip(coordinates, form.statement.initial[: len(coordinates)], strict=True))
-    known = zip(momenta, form.initial_momenta, strict=True)
-    return start | {symbol: value for symbol, value in known if value is not None}
+    pairs = zip(momenta, form.initial_momenta, strict=True)
+    return start | {symbol: value for symbol, value in pairs if value is not None}
 
 
 def _check(form: PlainForm, found: Legendre, model: Model) -> None:

@@ -166,11 +166,11 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
     Without `values` the symbols get arbitrary distinct numbers.
     """
     values = _values_of(lin.M, lin.C, lin.K) if values is None else values
-    known = eigenvalues(lin, values)
+    numbers = eigenvalues(lin, values)
     for root in roots:
         value = complex(number(sympy.I * root.frequency - root.decay, values))
         # A double eigenvalue is accurate to the square root of rounding.
-        if cmath.isfinite(value) and np.abs(known - value).min() > REAL_PART * max(1e-300, np.abs(known).max()):
+        if cmath.isfinite(value) and np.abs(numbers - value).min() > REAL_PART * max(1e-300, np.abs(numbers).max()):
             raise RunError(
                 f"the frequency {root.frequency} is wrong: {value:.12g} is not an eigenvalue of the linear equations. "
                 + FAULT

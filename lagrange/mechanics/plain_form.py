@@ -309,8 +309,8 @@ class PlainForm:
         """The momenta at the initial state, n of them; None if a parameter has no value."""
         statement = self.statement
         values = dict(zip((*self.q, *self.v), statement.initial, strict=True)) | dict(statement.defaults) | {t: 0.0}
-        known = all(p in statement.defaults for p in statement.parameters)
-        found = [number(p, values) if known else complex("nan") for p in self.momenta]
+        complete = all(p in statement.defaults for p in statement.parameters)
+        found = [number(p, values) if complete else complex("nan") for p in self.momenta]
         return tuple(value.real if value == value and not value.imag else None for value in found)
 
     @cached_property
@@ -353,13 +353,15 @@ class PlainForm:
 
 def number(given: Any, values: Mapping[Any, Any]) -> complex:
     """Return the value of an expression in plain symbols, or NaN if it has none or contains an unknown function."""
-    known = prescribed(printable(given))
-    if known.has(AppliedUndef):
+    formula = prescribed(printable(given))
+    if formula.has(AppliedUndef):
         return complex("nan")
     # Symbols are matched by name, since the value of a function of time may contain another symbol of the same name.
     by_name = {symbol.name: sympy.Rational(x) if isinstance(x, float) else x for symbol, x in values.items()}
-    found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(FORMULA_DIGITS)
-    return complex(found) if found.is_number and found.is_finite else complex("nan")
+    result = formula.xreplace({s: by_name[s.name] for s in formula.free_symbols if s.name in by_name}).evalf(
+        FORMULA_DIGITS
+    )
+    return complex(result) if result.is_number and result.is_finite else complex("nan")
 
 
 def prescribed(given: Any) -> Any:
@@ -377,20 +379,20 @@ def prescribed(given: Any) -> Any:
 
 def real(given: Any, values: Mapping[Any, Any]) -> float:
     """Return the real value of an expression in plain symbols, or NaN."""
-    found = number(given, values)
-    return found.real if abs(found.imag) <= IMAGINARY * abs(found.real) else float("nan")
+    value = number(given, values)
+    return value.real if abs(value.imag) <= IMAGINARY * abs(value.real) else float("nan")
 
 
 def numeric(matrix: Any, values: Any) -> Any:
     """Return a SymPy matrix as an array of doubles, or of complex numbers if an entry is complex."""
-    found = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
-    return found.real if not found.imag.any() else found
+    entries = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
+    return entries.real if not entries.imag.any() else entries
 
 
 def fresh_name(name: str, taken: Iterable[str]) -> str:
     """Return a name that is not taken: `name`, with underscores appended if necessary."""
-    known = tuple(taken)
-    while name in known:
+    used = tuple(taken)
+    while name in used:
         name += "_"
     return name
 

@@ -331,12 +331,16 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
     def put(zero: Any) -> Any:
         return in_fractions(zero.xreplace(plain).xreplace({plain[q]: solved}))
 
-    for one in held:
-        if one.holonomic and vanishes(PlainForm(statement), put(one.expression), NEAR_INITIAL):
-            return one, solved
+    for constraint in held:
+        if constraint.holonomic and vanishes(PlainForm(statement), put(constraint.expression), NEAR_INITIAL):
+            return constraint, solved
     raise StatementError(
         f"{name} = {shown(str(solved))} solves no constraint on positions that {name} is in"
-        + (f"; they are {listing(one.name for one in held if one.holonomic)}." if held else ": it is in none.")
+        + (
+            f"; they are {listing(constraint.name for constraint in held if constraint.holonomic)}."
+            if held
+            else ": it is in none."
+        )
     )
 
 

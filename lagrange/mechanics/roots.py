@@ -92,7 +92,7 @@ def _follow(
         steps = _steps(equation, unknowns)
         if steps is None:
             continue
-        found = []
+        solutions = []
         for unknown, value in steps:
             left[0] -= 1
             if left[0] < 0:
@@ -101,14 +101,14 @@ def _follow(
             earlier = {x: simplest(known.xreplace(put)) for x, known in values.items()}
             others = [e.xreplace(put) for e in remaining if e is not equation]
             rest = tuple(x for x in unknowns if x != unknown)
-            found += _follow(others, rest, {**earlier, **put}, left)
-        return found
+            solutions += _follow(others, rest, {**earlier, **put}, left)
+        return solutions
     return _together(remaining, unknowns, values)
 
 
 def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
     """Return (unknown, value) for the roots of every factor of an equation, or None if a factor cannot be solved."""
-    found: list[tuple[Any, Any]] = []
+    solutions: list[tuple[Any, Any]] = []
     for factor, _ in sympy.factor_list(equation)[1]:
         present = [x for x in unknowns if factor.has(x)]
         if not present or (factor.is_Pow and not factor.exp.is_positive):
@@ -116,8 +116,8 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
         step = _of_one(factor, present[0]) if len(present) == 1 else _linear(factor, present)
         if step is None:
             return None
-        found += step
-    return found
+        solutions += step
+    return solutions
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
@@ -205,20 +205,20 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
     """Return the roots of a polynomial in x, or None if a factor has a degree above two."""
     if not polynomial.is_polynomial(x):
         return None
-    found: list[Any] = []
+    values: list[Any] = []
     for factor, _ in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
             continue  # SymPy lists the square root of a parameter as a factor
         coefficients = sympy.Poly(factor, x).all_coeffs()
         if len(coefficients) == 2:
-            found.append(simplest(-coefficients[1] / coefficients[0]))
+            values.append(simplest(-coefficients[1] / coefficients[0]))
         elif len(coefficients) == 3:
             a, b, c = coefficients
             spread = sympy.sqrt(simplest(b**2 - 4 * a * c))
-            found += [simplest((-b + sign * spread) / (2 * a)) for sign in (1, -1)]
+            values += [simplest((-b + sign * spread) / (2 * a)) for sign in (1, -1)]
         else:
             return None
-    return found
+    return values
 
 
 def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[Any, Any]) -> list[dict[Any, Any]]:
@@ -229,12 +229,12 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[An
     degree = sympy.prod(sympy.Poly(e, *present).total_degree() for e in equations)
     if degree > HIGHEST_DEGREE or (len(present) == 1 and not _is_binomial(equations[0], present[0])):
         raise GivenUpError
-    found = []
+    solutions = []
     for solution in sympy.solve(list(equations), present, dict=True):
         if len(solution) != len(present) or any(x.has(*present) or _is_tangled(x) for x in solution.values()):
             raise GivenUpError
-        found.append({**values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
-    return found
+        solutions.append({**values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
+    return solutions
 
 
 def _is_binomial(equation: Any, x: Any) -> bool:
@@ -301,11 +301,11 @@ def numeric_roots(
         near |= (largest == 0) & (np.abs(x) <= scale[:, None]).all(axis=0)  # at a corner, which has no slope
     ends, flat = list[FloatArray](), list[bool]()
     for i in sorted(np.flatnonzero(good & near), key=lambda i: float(largest[i])):
-        here, sizes = _wrapped(x[:k, i], turning), np.linalg.svd(slopes[i], compute_uv=False)
+        root, sizes = _wrapped(x[:k, i], turning), np.linalg.svd(slopes[i], compute_uv=False)
         level = bool(sizes[-1] <= FLAT * sizes[0])
-        apart = (np.abs(_wrapped(here - end, turning)).max() / (1 + np.abs(end).max()) for end in ends)
-        if not any(d <= (SAME_FLAT if level and f else SAME_ROOT) for d, f in zip(apart, flat, strict=True)):
-            ends.append(here)
+        distances = (np.abs(_wrapped(root - end, turning)).max() / (1 + np.abs(end).max()) for end in ends)
+        if not any(d <= (SAME_FLAT if level and f else SAME_ROOT) for d, f in zip(distances, flat, strict=True)):
+            ends.append(root)
             flat.append(level)
     return sorted(ends, key=lambda end: [round(float(value), 6) for value in end])
 

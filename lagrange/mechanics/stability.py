@@ -63,9 +63,9 @@ NO_INERTIA = "the mass matrix is singular at these values of the parameters: giv
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
     """Return numbers for all symbols of M, C and K, or None if one has no value."""
-    known = point.numbers
+    numbers = point.numbers
     symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
-    return known if all(s in known for s in symbols) else None
+    return numbers if all(s in numbers for s in symbols) else None
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
@@ -89,8 +89,8 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
         return Verdict(None, NO_VALUES_OF_RATES) if values is None else _verdict_of_rates(numeric(lin.A, values))
     if not has_inertia(lin):
         return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
-    held = form.statement.constraints
-    carried = any(not one.holonomic for one in held) or (bool(held) and any(point.v))
+    constraints = form.statement.constraints
+    carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None:
         return Verdict(None, NO_VALUES) if carried else _symbolic_verdict(lin, form, gone)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
@@ -158,8 +158,8 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
         if vanishes(form, form.lagrangian.diff(q))
         and vanishes(form, form.forces[i])
         and all(vanishes(form, force.diff(q)) for force in form.forces)
-        and not any(one.expression.has(statement.coordinates[i]) for one in statement.constraints)
-        and not any(one.expression.has(statement.velocities[i]) for one in statement.constraints)
+        and not any(constraint.expression.has(statement.coordinates[i]) for constraint in statement.constraints)
+        and not any(constraint.expression.has(statement.velocities[i]) for constraint in statement.constraints)
     )
 
 
@@ -176,8 +176,8 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
     def part(matrix: Any, rows: Any, columns: Any) -> Any:
         return matrix.extract(list(rows), list(columns)) if symbolic else matrix[np.ix_(rows, columns)]
 
-    held = part(mass, gone, gone)
-    inverse = held.inv() if symbolic else np.linalg.inv(held)
+    ignored_mass = part(mass, gone, gone)
+    inverse = ignored_mass.inv() if symbolic else np.linalg.inv(ignored_mass)
     m_ri, m_ir = part(mass, left, gone), part(mass, gone, left)
     c_ri, c_ir = part(damping, left, gone), part(damping, gone, left)
     return (
@@ -334,25 +334,29 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     n = len(statement.coordinates)
     lin = _on_constraints(point) if statement.constraints else None
     rows = np.full((len(chosen), 2 * n if lin is None else lin.K.cols + lin.K.rows), complex("nan"), dtype=complex)
-    places = np.full((len(chosen), n), np.nan)
+    equilibria = np.full((len(chosen), n), np.nan)
     before: FloatArray | None = None
-    known: list[int] = []
+    solved_rows: list[int] = []
     for k, value in enumerate(chosen):
-        given = model.parameter_values({label: float(value)})
-        state = _stated(point, given) if lin is not None else _equilibrium(point, model, given, before)
-        matrix = None if state is None else _matrix(lin, model, state, given)
+        parameter_values = model.parameter_values({label: float(value)})
+        state = (
+            _stated(point, parameter_values)
+            if lin is not None
+            else _equilibrium(point, model, parameter_values, before)
+        )
+        matrix = None if state is None else _matrix(lin, model, state, parameter_values)
         if state is None or matrix is None:
             continue
-        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(known, rows, chosen, value))
-        known = [*known[-1:], k]
+        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(solved_rows, rows, chosen, value))
+        solved_rows = [*solved_rows[-1:], k]
         before = state if point.decimal else None
-        places[k] = state[model.layout.q]
-    if np.isnan(places).all():
+        equilibria[k] = state[model.layout.q]
+    if np.isnan(equilibria).all():
         raise StatementError(
             f"no equilibrium was found at any of the {len(chosen)} values of {label}: give one at the first value, as "
             "at={...}, or an expression in the parameters."
         )
-    return EigenvaluePath(by_name[label], chosen, rows, places)
+    return EigenvaluePath(by_name[label], chosen, rows, equilibria)
 
 
 def _on_constraints(point: StatedPoint) -> Linearization:

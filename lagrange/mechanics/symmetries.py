@@ -67,9 +67,9 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant diagonal entry of M, that of a length. None without one.
+    """Return the mass of a single body: the first constant diagonal entry of M, which belongs to a length.
 
-    None if M is not diagonal, as it is in all PLACINGS: most systems are told apart here.
+    None without such an entry, and if M is not diagonal. It is diagonal in all PLACINGS, so this excludes most systems.
     """
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
@@ -101,7 +101,7 @@ def _rate(stated: StatedAlgebra, given: Any) -> Any:
 
 
 AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
-"""The axis of the rotation that moves the second of two axes along the first, and its sense."""
+"""Axis and sense (1 or -1) of the rotation that turns the first of two axes towards the second."""
 
 
 def oriented(
@@ -111,12 +111,12 @@ def oriented(
 
     Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
     """
-    found = _axis(stated, symmetry)
-    if found is None and place is not None and symmetry.tau == 0:
-        found = _motion(stated, symmetry, place)
-    if found is None:
-        found = _name(stated, symmetry, energy), -1 if symmetry.tau.is_positive else 1
-    name, sense = found
+    axis = _axis(stated, symmetry)
+    if axis is None and place is not None and symmetry.tau == 0:
+        axis = _motion(stated, symmetry, place)
+    if axis is None:
+        axis = _name(stated, symmetry, energy), -1 if symmetry.tau.is_positive else 1
+    name, sense = axis
     if sense > 0:
         return symmetry, name
     return Symmetry(tuple(-xi for xi in symmetry.xi), -symmetry.tau, -symmetry.gauge), name
@@ -130,11 +130,11 @@ def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition) -> t
     for k, axis in enumerate("xyz"):
         unit = Matrix([int(j == k) for j in range(3)])
         turned = list(unit.cross(Matrix([*place.r, *([0] * (3 - len(place.r)))])))
-        for name, wanted in ((f"angular momentum {axis}", turned), (f"momentum {axis}", list(unit))):
-            if any(wanted[len(place.r) :]):
+        for name, displacement in ((f"angular momentum {axis}", turned), (f"momentum {axis}", list(unit))):
+            if any(displacement[len(place.r) :]):
                 continue
             for sense in (1, -1):
-                if all(_same(stated, x, sense * y) for x, y in zip(moved, wanted, strict=False)):
+                if all(_same(stated, x, sense * y) for x, y in zip(moved, displacement, strict=False)):
                     return name, sense
     return None
 
@@ -167,7 +167,7 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
     """Return the name of a rotation of pairs of coordinates, such as x1 and y1, about an axis, and the sense."""
     names = dict(zip(stated.q, stated.statement.names, strict=True))
-    found: dict[tuple[str, int], None] = {}
+    axes: dict[tuple[str, int], None] = {}
     for q, xi in zip(stated.q, symmetry.xi, strict=True):
         if xi == 0:
             continue
@@ -177,10 +177,10 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
         # xi_y = x is the positive sense of the plane (x, y).
         first, second = axis_of(names[partner]), axis_of(names[q])
         axis, sense = AXES.get(first + second, (f"({names[partner]}, {names[q]})", 1))
-        found[axis, sense * (1 if xi == partner else -1)] = None
-    if len(found) != 1:
+        axes[axis, sense * (1 if xi == partner else -1)] = None
+    if len(axes) != 1:
         return None
-    ((axis, sense),) = found
+    ((axis, sense),) = axes
     return f"angular momentum {axis}", sense
 
 
@@ -198,10 +198,10 @@ def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:
     kept = "changes the Lagrangian by a total derivative" if symmetry.gauge != 0 else "leaves the Lagrangian as it is"
     forces = any(stated.statement.forces) or stated.statement.dissipation != 0
     works = " and the forces do no work along it" if forces and symmetry.gauge == 0 else ""
-    held = " It keeps the constraints." if stated.statement.constraints else ""
+    addition = " It keeps the constraints." if stated.statement.constraints else ""
     if forces and symmetry.gauge != 0:
         kept = "changes the Lagrangian, less the work of the forces, by a total derivative"
-    return f"The symmetry {listing(parts)} {kept}{works}.{held}"
+    return f"The symmetry {listing(parts)} {kept}{works}.{addition}"
 
 
 def _text(stated: StatedAlgebra, given: Any) -> str:
@@ -253,9 +253,9 @@ class SymmetryEquation:
         """
         stated, algebra = self.stated, self.stated.algebra
         parts: list[MonomialSum] = [{}]
-        for given, force, p in zip(symmetry.xi, self.forces, stated.momenta, strict=True):
-            if given != 0:
-                xi = algebra.read(given)
+        for shift, force, p in zip(symmetry.xi, self.forces, stated.momenta, strict=True):
+            if shift != 0:
+                xi = algebra.read(shift)
                 parts += [algebra.multiply(xi, force), algebra.multiply(self.rate(xi), p)]
         if symmetry.tau != 0:
             parts.append(algebra.multiply(algebra.read(-symmetry.tau), self.power))
@@ -329,16 +329,16 @@ class SymmetryEquation:
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
         """Return G xi: the rates at which the constraint expressions change under the shift xi."""
         stated, algebra = self.stated, self.stated.algebra
-        found = []
-        for one in stated.statement.constraints:
-            zero, symbols = stated.read(one.expression), stated.q if one.holonomic else stated.v
+        rates = []
+        for constraint in stated.statement.constraints:
+            zero, symbols = stated.read(constraint.expression), stated.q if constraint.holonomic else stated.v
             parts = [
                 algebra.multiply(algebra.differentiate(zero, symbol), algebra.read(xi))
                 for symbol, xi in zip(symbols, symmetry.xi, strict=True)
                 if xi != 0
             ]
-            found.append(algebra.merge_angles(algebra.add({}, *parts)))
-        return found
+            rates.append(algebra.merge_angles(algebra.add({}, *parts)))
+        return rates
 
     def proven(self, symmetry: Symmetry) -> bool:
         """Return True if the symmetry is proven; False means only that no proof was found."""

@@ -118,7 +118,10 @@ def transformed(
     initial: Mapping[Any, Any] | None,
     model: Model,
 ) -> Statement:
-    """Return the statement in new coordinates, tested against the `model` in old ones; see `System.transform`."""
+    """Return the statement in new coordinates, tested against the `model` in old ones.
+
+    `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    """
     change = _transformation(statement, given, positive)
     _check_regular(change)
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
@@ -144,9 +147,9 @@ def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
         raise StatementError(
             f"parameters is {shown(given)}: give a dict from parameters to values, such as {{w: 1.0}}."
         )
-    known = {p: statement.defaults.get(p) for p in statement.parameters}
+    values = {p: statement.defaults.get(p) for p in statement.parameters}
     used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
-    return known | {p: None for p in used if p not in known} | dict(given or {})
+    return values | {p: None for p in used if p not in values} | dict(given or {})
 
 
 def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
@@ -176,11 +179,11 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
             )
         return made.initial
     plain = [change.plain[q] for q in made.coordinates]
-    known = {p: sympy.Rational(x) for p, x in made.defaults.items()} | {t: sympy.S.Zero}
-    known |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
-    stays = {x: value for x, value in known.items() if x not in [plain[i] for i in unknowns]}
+    constants = {p: sympy.Rational(x) for p, x in made.defaults.items()} | {t: sympy.S.Zero}
+    constants |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
+    stays = {x: value for x, value in constants.items() if x not in [plain[i] for i in unknowns]}
     expressions = (prescribed(x).xreplace(stays) for x in change.old)
-    zeros = [x - sympy.Rational(place) for x, place in zip(expressions, places.tolist(), strict=True)]
+    zeros = [x - sympy.Rational(old_value) for x, old_value in zip(expressions, places.tolist(), strict=True)]
     angles = [_is_angle(change, q) for q in change.new]
     lengths = [i for i, q in enumerate(change.new) if q in change.positive]
     ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)
@@ -193,10 +196,10 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
         )
     q, v = np.array(made.initial[:n]), np.array(made.initial[n:])
     q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
-    here = known | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
+    point_values = constants | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
     still = dict.fromkeys((change.plain[velocity_of(x)] for x in made.coordinates), sympy.S.Zero)
-    drifts = np.array([real(change.rate(x).xreplace(still), here) for x in change.old])
-    slopes = np.array([[real(x, here) for x in row] for row in change.slopes.tolist()])
+    drifts = np.array([real(change.rate(x).xreplace(still), point_values) for x in change.old])
+    slopes = np.array([[real(x, point_values) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
     velocities = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
     missed = float(np.abs(slopes[:, unknowns] @ velocities - rest).max())
@@ -280,8 +283,8 @@ def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
 
 def _check_regular(change: Transformation) -> None:
     """Raise StatementError if the Jacobian determinant of the transformation is zero everywhere."""
-    places = [change.coordinates.index(q) for q in change.new]
-    determinant = change.slopes.extract(list(range(len(change.gone))), places).det(method="berkowitz")
+    columns = [change.coordinates.index(q) for q in change.new]
+    determinant = change.slopes.extract(list(range(len(change.gone))), columns).det(method="berkowitz")
     if simplest(determinant) == 0:
         raise StatementError(
             f"{listing(map(name_of, change.gone))} do not vary independently with {listing(map(name_of, change.new))}: "
@@ -323,9 +326,9 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
         q, v = ([real(x, numbers) for x in part] for part in (whole, rates))
         if not np.isfinite([*q, *v]).all():
             return [], [float("nan")]
-        known = {p: x for p, x in point.parameters.items() if p in old.parameters}
-        p = model.momenta(q, v, point.t, known)
-        f = model.evaluate("forces", q, v, point.t, known)
+        parameters = {p: x for p, x in point.parameters.items() if p in old.parameters}
+        p = model.momenta(q, v, point.t, parameters)
+        f = model.evaluate("forces", q, v, point.t, parameters)
         slopes, turns = (
             np.array([[real(x, numbers) for x in row] for row in part.tolist()]) for part in (by_place, by_rate)
         )
@@ -420,8 +423,8 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
     _check_routhian(routh, model)
     if statement.reading is not None:
         read = statement.as_read
-        places = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
-        in_turns = Routh(PlainForm(read), places, routh.symbols)
+        indices = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
+        in_turns = Routh(PlainForm(read), indices, routh.symbols)
         smaller = replace(smaller, reading=_without_ignored(in_turns, statement, values).reading)
     return with_origin(smaller, statement)
 
@@ -431,10 +434,10 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
 
     `values` are those of the momenta at the initial state.
     """
-    form, places = routh.form, routh.places
-    gone = [form.statement.coordinates[i] for i in places]
+    form, indices = routh.form, routh.places
+    gone = [form.statement.coordinates[i] for i in indices]
     left = [q for q in statement.coordinates if q not in gone]
-    rates = dict(zip((form.v[i] for i in places), routh.rates, strict=True)) | routh.gone
+    rates = dict(zip((form.v[i] for i in indices), routh.rates, strict=True)) | routh.gone
 
     def put(given: Any) -> Any:
         return form.written(form.read(given).xreplace(rates))

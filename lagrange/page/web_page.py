@@ -149,7 +149,7 @@ def write_page(
     initial: Mapping[Any, Any] | None,
     asked: Mapping[Any, Any] | None,
 ) -> Path:
-    """Write the page of a model, whole or not at all, and return its path; see `System.to_page`."""
+    """Write the page of a model, whole or not at all, and return its path."""
     return write_atomically(
         path, lambda file: file.write(page_of(model, derivation, parameters, initial, asked).encode())
     )

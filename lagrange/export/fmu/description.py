@@ -40,11 +40,11 @@ class ScalarVariable:
 
 def places(module: SourceModule) -> dict[str, int]:
     """Return the reference of the first result of each quantity, those of rhs first."""
-    found, place = {}, 1 + len(module.state) + len(module.parameters)
-    for one in module.quantities:
-        found[one.name] = place
-        place += len(one.results)
-    return found
+    references, reference = {}, 1 + len(module.state) + len(module.parameters)
+    for quantity in module.quantities:
+        references[quantity.name] = reference
+        reference += len(quantity.results)
+    return references
 
 
 def variables(module: SourceModule) -> list[ScalarVariable]:
@@ -71,18 +71,18 @@ def variables(module: SourceModule) -> list[ScalarVariable]:
 def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[ScalarVariable]:
     """Yield the variables of results, quantity by quantity, for `rhs` the derivatives of the state."""
     first = places(module)
-    for one in module.quantities:
-        for k, name in enumerate(one.results):
-            reference = first[one.name] + k
-            if one.name == "rhs":
+    for quantity in module.quantities:
+        for k, name in enumerate(quantity.results):
+            reference = first[quantity.name] + k
+            if quantity.name == "rhs":
                 state = module.state[k]
                 about = f"time derivative of {state}"
                 yield ScalarVariable(
                     named(f"der({state})"), reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k
                 )
-            elif one.name not in HIDDEN:
-                kind = INDICATOR if one.name == "events" else RESULT
-                yield ScalarVariable(named(name), reference, kind, one.about, one.unit)
+            elif quantity.name not in HIDDEN:
+                kind = INDICATOR if quantity.name == "events" else RESULT
+                yield ScalarVariable(named(name), reference, kind, quantity.about, quantity.unit)
 
 
 def _rate_unit(module: SourceModule, k: int) -> str:
@@ -96,12 +96,12 @@ def _rate_unit(module: SourceModule, k: int) -> str:
 
 def _namer() -> Callable[[str], str]:
     """Return a function that makes names unique by a number as suffix."""
-    taken = {"time": None}
+    used = {"time": None}
 
     def named(name: str) -> str:
         tries = (name if k == 1 else f"{name}_{k}" for k in count(1))
-        free = next(attempt for attempt in tries if attempt not in taken)
-        taken[free] = None
+        free = next(attempt for attempt in tries if attempt not in used)
+        used[free] = None
         return free
 
     return named
@@ -129,13 +129,13 @@ def number(value: float) -> str:
 
 def element(name: str, attributes: Mapping[str, object], inside: Sequence[str] = ()) -> Iterator[str]:
     """Yield the lines of an XML element; attributes that are None or empty are left out."""
-    given = "".join(
+    written = "".join(
         f" {key}={quoteattr(str(value))}" for key, value in attributes.items() if value is not None and value != ""
     )
     if not inside:
-        yield f"<{name}{given}/>"
+        yield f"<{name}{written}/>"
         return
-    yield f"<{name}{given}>"
+    yield f"<{name}{written}>"
     yield from (f"  {line}" for line in inside)
     yield f"</{name}>"
 
@@ -159,10 +159,14 @@ def _head(module: SourceModule, fmi: str, token: tuple[str, str]) -> dict[str, o
 
 def _common(module: SourceModule, found: Sequence[ScalarVariable]) -> Iterator[str]:
     """Yield the elements that both FMI versions share: units, log categories, the default experiment."""
-    units = sorted({*(one.unit for one in found), module.units.get("t", "")} - {""})
+    units = sorted({*(category.unit for category in found), module.units.get("t", "")} - {""})
     if units:
-        yield from element("UnitDefinitions", {}, [line for one in units for line in element("Unit", {"name": one})])
-    categories = [line for one in ("logStatusDiscard", "logStatusError") for line in element("Category", {"name": one})]
+        yield from element(
+            "UnitDefinitions", {}, [line for category in units for line in element("Unit", {"name": category})]
+        )
+    categories = [
+        line for category in ("logStatusDiscard", "logStatusError") for line in element("Category", {"name": category})
+    ]
     yield from element("LogCategories", {}, categories)
     asked = run_of(module)
     assert asked is not None  # an FMU always has a run
@@ -205,7 +209,7 @@ def _start(one: ScalarVariable) -> str | None:
 def fmi2_description(module: SourceModule, token: str) -> str:
     """Return modelDescription.xml of FMI 2.0."""
     found = variables(module)
-    index = {one.reference: k for k, one in enumerate(found, 1)}
+    index = {variable.reference: k for k, variable in enumerate(found, 1)}
     files = [
         line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("File", {"name": name})
     ]  # fmt: skip
@@ -217,23 +221,27 @@ def fmi2_description(module: SourceModule, token: str) -> str:
     }
     sources = list(element("SourceFiles", {}, files))
     scalars: list[str] = []
-    for one in found:
-        of = index[one.of] if one.kind == DERIVATIVE else None
-        real = list(element("Real", {"unit": one.unit, "start": _start(one), "derivative": of}))
-        scalars += element("ScalarVariable", _attributes(one), real)
-    unknowns = [list(element("Unknown", {"index": index[one.reference]})) for one in found if one.kind == DERIVATIVE]
+    for variable in found:
+        of = index[variable.of] if variable.kind == DERIVATIVE else None
+        real = list(element("Real", {"unit": variable.unit, "start": _start(variable), "derivative": of}))
+        scalars += element("ScalarVariable", _attributes(variable), real)
+    unknowns = [
+        list(element("Unknown", {"index": index[variable.reference]}))
+        for variable in found
+        if variable.kind == DERIVATIVE
+    ]
     outputs = [
         list(
             element("Unknown", {"index": k, "dependencies": k, "dependenciesKind": "constant"})
         )
-        for k in (index[one.reference] for one in found if one.kind == STATE)
+        for k in (index[variable.reference] for variable in found if variable.kind == STATE)
     ]  # fmt: skip
     structure = [
-        *element("Outputs", {}, [line for one in outputs for line in one]),
-        *element("Derivatives", {}, [line for one in unknowns for line in one]),
-        *element("InitialUnknowns", {}, [line for one in unknowns for line in one]),
+        *element("Outputs", {}, [line for variable in outputs for line in variable]),
+        *element("Derivatives", {}, [line for variable in unknowns for line in variable]),
+        *element("InitialUnknowns", {}, [line for variable in unknowns for line in variable]),
     ]
-    events = sum(one.kind == INDICATOR for one in found)
+    events = sum(variable.kind == INDICATOR for variable in found)
     inside = [
         *element("ModelExchange", can, sources),
         *element("CoSimulation", {**can, "canHandleVariableCommunicationStepSize": "true"}, sources),
@@ -247,7 +255,7 @@ def fmi2_description(module: SourceModule, token: str) -> str:
 
 def fmi3_description(module: SourceModule, token: str) -> str:
     """Return modelDescription.xml of FMI 3.0."""
-    found = variables(module)
+    scalars = variables(module)
     can = {
         "modelIdentifier": module.name,
         "canGetAndSetFMUState": "true",
@@ -256,9 +264,11 @@ def fmi3_description(module: SourceModule, token: str) -> str:
     }
     time = {"name": "time", "valueReference": 0, "causality": "independent", "variability": "continuous"}
     reals = [*element("Float64", {**time, "unit": module.units.get("t", "")})]
-    for one in found:
-        of = one.of if one.kind == DERIVATIVE else None
-        reals += element("Float64", {**_attributes(one), "unit": one.unit, "start": _start(one), "derivative": of})
+    for variable in scalars:
+        of = variable.of if variable.kind == DERIVATIVE else None
+        reals += element(
+            "Float64", {**_attributes(variable), "unit": variable.unit, "start": _start(variable), "derivative": of}
+        )
     structure: list[str] = []
     for tag, kind in (
         ("Output", STATE),
@@ -266,14 +276,16 @@ def fmi3_description(module: SourceModule, token: str) -> str:
         ("InitialUnknown", DERIVATIVE),
         ("EventIndicator", INDICATOR),
     ):
-        for one in found:
-            if one.kind == kind:
-                own = {"dependencies": one.reference, "dependenciesKind": "constant"} if tag == "Output" else {}
-                structure += element(tag, {"valueReference": one.reference, **own})
+        for variable in scalars:
+            if variable.kind == kind:
+                dependencies = (
+                    {"dependencies": variable.reference, "dependenciesKind": "constant"} if tag == "Output" else {}
+                )
+                structure += element(tag, {"valueReference": variable.reference, **dependencies})
     inside = [
         *element("ModelExchange", can),
         *element("CoSimulation", {**can, "canHandleVariableCommunicationStepSize": "true"}),
-        *_common(module, found),
+        *_common(module, scalars),
         *element("ModelVariables", {}, reals),
         *element("ModelStructure", {}, structure),
     ]
@@ -295,7 +307,7 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
     assert asked is not None  # an FMU always has a run
     run, integrator = asked
     name, first = module.name, places(module)
-    quantities = [one.name for one in module.quantities]
+    quantities = [quantity.name for quantity in module.quantities]
     events = module.quantity("events")
     sizes = {
         "TOKEN": f'"{token}"',
@@ -304,7 +316,7 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
         "FIRST_INPUT": len(module.parameters) - len(module.inputs),
         "PREPARED": max(module.prepared, 1),
         "QUANTITIES": len(quantities),
-        "RESULTS": sum(len(one.results) for one in module.quantities),
+        "RESULTS": sum(len(quantity.results) for quantity in module.quantities),
         "INDICATORS": 0 if events is None else len(events.results),
         "FIRST_INDICATOR": first.get("events", 0),
         **({"JACOBIAN": quantities.index("jacobian")} if "jacobian" in quantities else {}),
@@ -332,7 +344,7 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
         "} Quantity;",
         "",
         "static const Quantity model_quantities[] = {",
-        *(f"    {{{name}_{one}, {first[one] - base}}}," for one in quantities),
+        *(f"    {{{name}_{quantity}, {first[quantity] - base}}}," for quantity in quantities),
         "};",
         "",
         *continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};"),

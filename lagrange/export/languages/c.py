@@ -15,7 +15,7 @@ from lagrange.procedure.form import Kind, Procedure
 
 @register
 class C(Target):
-    """C99; see `Target`."""
+    """Target `c`: a header and a source file in C99, a test, and the run of the initial state."""
 
     name = "c"
     about = "C99: a source file and its header, no dependencies, no allocation, re-entrant"
@@ -42,7 +42,7 @@ def compiled(module: SourceModule, program: str, folder: str = "") -> list[str]:
 
 def names_of(procedure: Procedure) -> list[str]:
     """Return the names of the parameters of a public function."""
-    return [one.name for one in procedure.parameters]
+    return [parameter.name for parameter in procedure.parameters]
 
 
 def numbers(values: Sequence[float]) -> str:
@@ -111,7 +111,7 @@ def statement_comment(module: SourceModule) -> list[str]:
 def source(module: SourceModule) -> str:
     """Return the source file."""
     c_names, public = CNames(f"{module.name}_"), dict.fromkeys(module.public)
-    functions = [function(one, c_names, hidden=one not in public) for one in module.procedures]
+    functions = [function(procedure, c_names, hidden=procedure not in public) for procedure in module.procedures]
     # C has no empty arrays: without parameters there is one number.
     values = numbers(module.values) or "0.0"
     lines = [
@@ -151,11 +151,11 @@ def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
 
 def programs(module: SourceModule) -> dict[str, str]:
     """Return the files of the self-test, and of `main` if it is exported."""
-    found = {f"{module.name}_test.c": test_text(module, SCRIPT)}
+    files = {f"{module.name}_test.c": test_text(module, SCRIPT)}
     if module.run is not None:
         text = main_text(module, SCRIPT).splitlines()
-        found[f"{module.name}_main.c"] = "\n".join([*(part for line in text for part in continued(line)), ""])
-    return found
+        files[f"{module.name}_main.c"] = "\n".join([*(part for line in text for part in continued(line)), ""])
+    return files
 
 
 SCRIPT = Script(

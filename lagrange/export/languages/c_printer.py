@@ -258,8 +258,8 @@ class CNames:
     ) -> list[str]:
         """Return the lines of the head of a function."""
         given = [
-            self.type_of(one.type, name, qualified=qualified)
-            for one, name in zip(procedure.parameters, names, strict=True)
+            self.type_of(parameter.type, name, qualified=qualified)
+            for parameter, name in zip(procedure.parameters, names, strict=True)
         ]
         head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
         line = f"{head}{', '.join(given) or 'void'})"
@@ -310,9 +310,9 @@ class _CPrinter(BracedPrinter):
         return self.c_names.function(procedure.name)
 
     def head(self) -> list[str]:
-        names = [self.text(one.ref) for one in self.procedure.parameters]
+        names = [self.text(parameter.ref) for parameter in self.procedure.parameters]
         *lines, last = self.c_names.signature(self.procedure, names, before="static " if self.hidden else "")
-        ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in self.unused]
+        ignored = [f"{self.indent}(void){self.text(parameter.ref)};" for parameter in self.unused]
         return [*comment(self.procedure.about), *lines, f"{last} {{", *ignored]
 
     def operation(self, let: Let) -> tuple[int, str]:
@@ -341,30 +341,30 @@ class _CPrinter(BracedPrinter):
         return f"{self.text(record)}->{field}"
 
     def part(self, part: Part) -> None:
-        held = self.array(part.array)
-        const = "const " if held.read else ""
-        kind = KINDS[held.kind]
+        array = self.array(part.array)
+        const = "const " if array.read else ""
+        kind = KINDS[array.kind]
         self.write(
             f"{const}{kind} *const {self.name(part.ref)} = {self.text(part.array)} + {self.text(part.start, 7)};"
         )
 
     def call(self, call: Call) -> None:
         target = self.function_name(call.callee) if isinstance(call.callee, Procedure) else self.text(call.callee)
-        made = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
+        called = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
         kinds = results_of(self, call)
         if len(kinds) > 1:
             whole = f"found{call.refs[0]}"
-            self.write(f"const {target}_results {whole} = {made};")
+            self.write(f"const {target}_results {whole} = {called};")
             for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
                 self.types[ref], self.texts[ref] = kind, (ATOM, f"{whole}.r{k}")
         elif not kinds:
-            self.write(f"{made};")
+            self.write(f"{called};")
         elif call.refs[0] in self.uses:
             self.types[call.refs[0]] = kinds[0]
             self.settle()
-            self.put(self.define(self.name(call.refs[0]), kinds[0], made))
+            self.put(self.define(self.name(call.refs[0]), kinds[0], called))
         else:
-            self.write(f"(void){made};")
+            self.write(f"(void){called};")
 
     def leave(self, values: Sequence[int]) -> None:
         if len(values) < 2:

@@ -132,7 +132,7 @@ LIBRARY = Library(
 
 @register
 class CasADi(TracedTarget):
-    """CasADi; see `TracedTarget`."""
+    """Target `casadi`: a Python module of CasADi functions, and its test."""
 
     name = "casadi"
     about = "CasADi: a Python module that makes a casadi.Function of each quantity, quantities only"

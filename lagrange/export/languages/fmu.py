@@ -32,7 +32,7 @@ ARCHITECTURES = {"x86_64": "x86_64", "AMD64": "x86_64", "arm64": "aarch64", "aar
 
 @register
 class Fmu(Target):
-    """FMUs of both versions; see `Target`. An FMU always has a right-hand side and a run, for co-simulation."""
+    """Target `fmu`: an FMU of FMI 2.0 and one of FMI 3.0. Each has a right-hand side, and a run for co-simulation."""
 
     name = "fmu"
     about = "FMUs of FMI 2.0 and 3.0: model exchange and co-simulation, C sources inside, a library for this platform"
@@ -61,23 +61,23 @@ def _commands(module: SourceModule, program: str) -> list[str]:
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
     """Return the files in an FMU of a version, with a library where there is a compiler."""
     inside = resources("lagrange.export.fmu")
-    own = {
+    sources = {
         f"{module.name}.h": header(module),
         f"{module.name}.c": source(module),
         **{name: inside.joinpath(name).read_text("ascii") for name in ("fmi-instance.h", "fmi-functions.c")},
     }
-    digest = hashlib.sha256("".join([*module.statement, *own.values()]).encode()).hexdigest()
+    digest = hashlib.sha256("".join([*module.statement, *sources.values()]).encode()).hexdigest()
     token = f"{{{uuid.UUID(digest[:32])}}}"
-    own["fmi-model.h"] = model_header(module, token, major)
+    sources["fmi-model.h"] = model_header(module, token, major)
     described = fmi2_description(module, token) if major == 2 else fmi3_description(module, token)
-    found: dict[str, str | bytes] = {"modelDescription.xml": described}
-    found |= {f"sources/{name}": text for name, text in (own | programs(module)).items()}
+    contained: dict[str, str | bytes] = {"modelDescription.xml": described}
+    contained |= {f"sources/{name}": text for name, text in (sources | programs(module)).items()}
     if major == 3:
-        found["sources/buildDescription.xml"] = build_description(module)
+        contained["sources/buildDescription.xml"] = build_description(module)
     where = binary_path(module.name, major)
     if where and shutil.which(COMPILER[0]):
-        found[where] = library(module.name, own)
-    return found
+        contained[where] = library(module.name, sources)
+    return contained
 
 
 def binary_path(name: str, major: int) -> str | None:
@@ -94,14 +94,14 @@ def binary_path(name: str, major: int) -> str | None:
 
 def library(name: str, sources: Mapping[str, str]) -> bytes:
     """Return the shared library of some sources. Raises LagrangeError where the compiler fails."""
-    with tempfile.TemporaryDirectory() as given:
-        folder = Path(given)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
         for file, text in sources.items():
             folder.joinpath(file).write_text(text, "ascii")
         command = [*COMPILER, "-o", "library", "fmi-functions.c", f"{name}.c", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise LagrangeError(f"{' '.join(command)} failed: {done.stderr.strip()}")
+        process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if process.returncode:
+            raise LagrangeError(f"{' '.join(command)} failed: {process.stderr.strip()}")
         return folder.joinpath("library").read_bytes()
 
 

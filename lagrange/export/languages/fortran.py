@@ -52,7 +52,7 @@ def _helper(kind: str, name: str, given: str, body: str) -> str:
         f"    real(dp), intent(in) :: {given}",
         f"    {kind} :: r",
     ]
-    return "\n".join([*lines, *(f"    {one}" for one in body.splitlines()), f"  end function {name}", ""])
+    return "\n".join([*lines, *(f"    {line}" for line in body.splitlines()), f"  end function {name}", ""])
 
 
 HELPERS: Mapping[str, str] = {
@@ -177,7 +177,7 @@ def source(module: SourceModule) -> str:
         "  use, intrinsic :: iso_fortran_env, only: dp => real64, int64",
         "  implicit none",
         "  private",
-        *listed("  public :: ", ["prepare", *(one.name for one in module.quantities)]),
+        *listed("  public :: ", ["prepare", *(quantity.name for quantity in module.quantities)]),
         "",
         *_constants(module, functions.hoisted.size),
         "",
@@ -185,8 +185,10 @@ def source(module: SourceModule) -> str:
         "",
         *_subroutine("prepare", "parameters, p", module.prepare.about, functions.prepare()),
     ]
-    for one in module.quantities:
-        lines += _subroutine(one.name, "t, y, p, out", about_of(module, one.procedure), functions.quantity(one))
+    for quantity in module.quantities:
+        lines += _subroutine(
+            quantity.name, "t, y, p, out", about_of(module, quantity.procedure), functions.quantity(quantity)
+        )
     lines += LANGUAGE.systems(functions.needed)
     return "\n".join([*lines, *LANGUAGE.definitions(functions.needed), f"end module {name}", ""])
 
@@ -311,7 +313,7 @@ contains
 
 @register
 class Fortran(Target):
-    """Fortran 2008; see `Target`."""
+    """Target `fortran`: a module in Fortran 2008, and its test."""
 
     name = "fortran"
     about = "Fortran 2008: a module of pure subroutines in one source file, no dependencies, quantities only"
@@ -319,7 +321,7 @@ class Fortran(Target):
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the source file, and that of its test."""
-        calls = "\n".join(f"  call test_{one.name}()" for one in module.checks)
+        calls = "\n".join(f"  call test_{check.name}()" for check in module.checks)
         test = test_text(module, TEST, fortran=module_name(module), calls=calls)
         return {f"{module.name}.f90": source(module), f"{module.name}_test.f90": test}
 

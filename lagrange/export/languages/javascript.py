@@ -33,7 +33,7 @@ from lagrange.procedure.form import Procedure
 
 @register
 class JavaScript(Target):
-    """JavaScript; see `Target`."""
+    """Target `javascript`: an ES module, its test, and the run of the initial state."""
 
     name = "javascript"
     about = "JavaScript: one ES module for browsers and node, no dependencies, calls that allocate nothing"
@@ -41,11 +41,11 @@ class JavaScript(Target):
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module, and the programs that test it and run the initial state."""
-        found = {f"{module.name}.mjs": source(module), f"{module.name}_test.mjs": test_text(module, SCRIPT)}
+        texts = {f"{module.name}.mjs": source(module), f"{module.name}_test.mjs": test_text(module, SCRIPT)}
         if module.run is not None:
             text = main_text(module, SCRIPT, head=json.dumps(columns(module))).splitlines()
-            found[f"{module.name}_main.mjs"] = "\n".join([*(part for line in text for part in continued(line)), ""])
-        return found
+            texts[f"{module.name}_main.mjs"] = "\n".join([*(part for line in text for part in continued(line)), ""])
+        return texts
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
@@ -61,12 +61,12 @@ def source(module: SourceModule) -> str:
 
     Functions that are called once a run check the lengths of arrays. Quantities do not: it would take 3% of their time.
     """
-    quantities = [one.procedure for one in module.quantities]
+    quantities = [quantity.procedure for quantity in module.quantities]
     file = File(
         shifted_parameters(module.procedures, _places_given(module)),
         module.public,
-        [one.name for one in module.procedures],
-        {one: lengths(module, one) for one in module.public if one not in quantities},
+        [quantity.name for quantity in module.procedures],
+        {quantity: lengths(module, quantity) for quantity in module.public if quantity not in quantities},
     )
     functions = [function(procedure, file) for procedure in module.procedures]
     lines = [
@@ -99,11 +99,11 @@ def _memory(file: File) -> Iterator[str]:
 
 def _places_given(module: SourceModule) -> Shifted:
     """Return the arrays for which users may pass an offset: states and results of quantities."""
-    given = {}
-    for one in module.quantities:
-        names = [parameter.name for parameter in one.procedure.parameters]
-        given[one.procedure] = frozenset((names.index("y"), names.index("out")))
-    return given
+    shifted = {}
+    for quantity in module.quantities:
+        names = [parameter.name for parameter in quantity.procedure.parameters]
+        shifted[quantity.procedure] = frozenset((names.index("y"), names.index("out")))
+    return shifted
 
 
 def constants(module: SourceModule) -> Iterator[str]:
@@ -133,7 +133,7 @@ def constants(module: SourceModule) -> Iterator[str]:
 
 
 def _call(procedure: Procedure) -> str:
-    return f"{procedure.name}({', '.join(one.name for one in procedure.parameters)})"
+    return f"{procedure.name}({', '.join(parameter.name for parameter in procedure.parameters)})"
 
 
 # --- the programs

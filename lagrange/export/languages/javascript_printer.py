@@ -129,14 +129,14 @@ def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shif
 
     `procedures` are ordered, callees before their callers.
     """
-    found = {one: always.get(one, frozenset[int]()) for one in procedures}
+    shifted = {one: always.get(one, frozenset[int]()) for one in procedures}
     for caller in reversed(procedures):
-        own = [one.ref for place, one in enumerate(caller.parameters) if place in found[caller]]
-        moved = frozenset((*own, *(part.ref for part in _parts(caller.body))))
+        own_refs = [one.ref for place, one in enumerate(caller.parameters) if place in shifted[caller]]
+        moved = frozenset((*own_refs, *(part.ref for part in _parts(caller.body))))
         for call in calls(caller.body):
             if isinstance(call.callee, Procedure):
-                found[call.callee] |= {place for place, arg in enumerate(call.args) if arg in moved}
-    return found
+                shifted[call.callee] |= {place for place, arg in enumerate(call.args) if arg in moved}
+    return shifted
 
 
 def _parts(block: Block) -> Iterator[Part]:
@@ -197,10 +197,10 @@ class _JavaScriptPrinter(BracedPrinter):
 
     def head(self) -> list[str]:
         public = self.procedure in self.file.public
-        given = [self.text(one.ref) for one in self.procedure.parameters]
-        given += [f"{one}{' = 0' if public else ''}" for one in self.offsets]
+        texts = [self.text(parameter.ref) for parameter in self.procedure.parameters]
+        texts += [f"{parameter}{' = 0' if public else ''}" for parameter in self.offsets]
         about = commented(self.procedure.about, "//")
-        head = f"{'export ' if public else ''}function {self.procedure.name}({', '.join(given)}) {{"
+        head = f"{'export ' if public else ''}function {self.procedure.name}({', '.join(texts)}) {{"
         lengths = self.file.lengths.get(self.procedure, {}).items()
         return [*about, head, *(f'{self.indent}check_length("{name}", {name}, {least});' for name, least in lengths)]
 
@@ -253,15 +253,15 @@ class _JavaScriptPrinter(BracedPrinter):
         assert isinstance(callee, Procedure)
         args = [self.text(self.place_of(arg).array) for arg in call.args]
         args += [self.beginning(arg)[1] or "0" for k, arg in enumerate(call.args) if k in self.file.shifted[callee]]
-        made = f"{callee.name}({', '.join(args)})"
+        called = f"{callee.name}({', '.join(args)})"
         kinds = results_of(self, call)
         if len(kinds) != 1 or call.refs[0] not in self.uses:
-            self.write(f"{made};")
+            self.write(f"{called};")
         for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
             self.types[ref] = kind
             if ref in self.uses:
                 self.write(
-                    self.define(self.name(ref), kind, made if len(kinds) == 1 else f"{results_name(callee)}.r{k}")
+                    self.define(self.name(ref), kind, called if len(kinds) == 1 else f"{results_name(callee)}.r{k}")
                 )
 
     def leave(self, values: Sequence[int]) -> None:
@@ -324,8 +324,8 @@ def summed(terms: list[str] | tuple[str, ...], number: int) -> str:
     if not terms:
         return str(number)
     *rest, last = terms
-    found = re.fullmatch(r"(.*\S) \+ (\d+)", last)
-    if found:
-        last, number = found.group(1), number + int(found.group(2))
+    match = re.fullmatch(r"(.*\S) \+ (\d+)", last)
+    if match:
+        last, number = match.group(1), number + int(match.group(2))
     text = " + ".join([*rest, last])
     return text if number == 0 else f"{text} {'+' if number > 0 else '-'} {abs(number)}"

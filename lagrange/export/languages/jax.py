@@ -143,14 +143,14 @@ def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
     """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
     lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
-    wanted = f"(), ({program.states},), ({program.parameters},)"
+    shapes = f"(), ({program.states},), ({program.parameters},)"
     shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
     return f'''\
 def {name}_checked(t, y, p):
     """Return {described(program)}, and whether a mass matrix is singular."""
     t, y, p = (jnp.asarray(x, jnp.float64) for x in (t, y, p))
     if t.shape or y.shape != ({program.states},) or p.shape != ({program.parameters},):
-        raise ValueError(f"t, y, p have the shapes {{t.shape}}, {{y.shape}}, {{p.shape}}: give {wanted} (see jax.vmap)")
+        raise ValueError(f"t, y, p have the shapes {{t.shape}}, {{y.shape}}, {{p.shape}}: give {shapes} (see jax.vmap)")
 {body}
     return jnp.stack(results){shape}, jnp.asarray({singular})
 
@@ -176,7 +176,7 @@ LIBRARY = Library(
 
 @register
 class Jax(TracedTarget):
-    """JAX; see `TracedTarget`."""
+    """Target `jax`: a Python module of JAX functions, and its test."""
 
     name = "jax"
     about = "JAX: a Python module of functions for jax.jit, jax.grad and jax.vmap, quantities only"

@@ -103,10 +103,10 @@ def source(module: SourceModule) -> str:
     size = functions.hoisted.size
     least = {"p": size, "parameters": len(module.parameters)}
     printed = [*_function("prepare!(p, parameters)", module.prepare.about, functions.prepare(), least)]
-    for one in module.quantities:
-        least = {"y": len(module.state), "p": size, "out": len(one.results)}
-        about = about_of(module, one.procedure)
-        printed += _function(f"{one.name}!(out, t, y, p)", about, functions.quantity(one), least)
+    for quantity in module.quantities:
+        least = {"y": len(module.state), "p": size, "out": len(quantity.results)}
+        about = about_of(module, quantity.procedure)
+        printed += _function(f"{quantity.name}!(out, t, y, p)", about, functions.quantity(quantity), least)
     lines = [
         *statement_comment(module, "#"),
         "",
@@ -199,7 +199,7 @@ exit(test_all() > 0 ? 1 : 0)
 
 @register
 class Julia(Target):
-    """Julia; see `Target`."""
+    """Target `julia`: a module, and its test."""
 
     name = "julia"
     about = "Julia: a module of functions f!(out, t, y, p), no packages, quantities only"

@@ -185,12 +185,12 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
     lines = ["", *remark(module.prepare.about), *remark(places("parameters", module.parameters, first=1))]
     given = {"parameters": len(module.parameters)}
     lines += _function("prepare", given, f"p[{size}]", functions.prepare(), "")
-    for one in module.quantities:
-        lines += ["", *remark(about_of(module, one.procedure)), *remark(state)]
+    for quantity in module.quantities:
+        lines += ["", *remark(about_of(module, quantity.procedure)), *remark(state)]
         given = {"t": 0, "y": len(module.state), "p": size}
-        count = len(one.results)
-        finite = FINITE.format(count=count) if one.program.solved else ""
-        lines += _function(one.name, given, f"out[{count}]", functions.quantity(one), finite)
+        count = len(quantity.results)
+        finite = FINITE.format(count=count) if quantity.program.solved else ""
+        lines += _function(quantity.name, given, f"out[{count}]", functions.quantity(quantity), finite)
     lines += ["", *LANGUAGE.systems(functions.needed)][:-1]
     lines += [line for text in LANGUAGE.definitions(functions.needed) for line in text.rstrip().splitlines()]
     yield "package Functions"
@@ -324,7 +324,7 @@ end {package}_test;
 
 @register
 class Modelica(Target):
-    """Modelica 3.3; see `Target`. A singular matrix ends a simulation by an assertion."""
+    """Target `modelica`, version 3.3. A singular matrix ends a simulation by an assertion."""
 
     name = "modelica"
     about = "Modelica: a package with functions and a model of the motion, without a library"
@@ -339,7 +339,7 @@ class Modelica(Target):
             "size": len(module.parameters),
             "defaults": "\n".join(broken(f"    {_array(list(map(LITERALS.real, module.values)))}")).strip(),
             "prepared_size": PrintedFunctions(module, LANGUAGE, statuses=False).hoisted.size,
-            "calls": " +\n          ".join(f"test_{one.name}()" for one in module.checks),
+            "calls": " +\n          ".join(f"test_{check.name}()" for check in module.checks),
         }
         return {
             f"{name}.mo": "\n".join([*text(module), ""]),

@@ -113,7 +113,7 @@ LANGUAGE = Language(
 
 def prefix_of(module: SourceModule) -> str:
     """Return the prefix of the names of all functions, shortened if they would be too long."""
-    longest = max(map(len, ("default_parameters", *(one.name for one in module.quantities))))
+    longest = max(map(len, ("default_parameters", *(quantity.name for quantity in module.quantities))))
     return f"{module.name[: LONGEST_NAME - longest - 1]}_"
 
 
@@ -162,10 +162,13 @@ def files_of(module: SourceModule) -> Iterator[tuple[str, str]]:
     head = f"[p, singular] = {prefix}prepare(parameters)"
     yield f"{prefix}prepare", _text(module, head, about, functions.prepare(), functions.hoisted.size)
     state = places("y", module.state, "{0}({1})", 1)
-    for one in module.quantities:
-        head = f"[out, singular] = {prefix}{one.name}(t, y, p)"
-        about = [about_of(module, one.procedure), state]
-        yield f"{prefix}{one.name}", _text(module, head, about, functions.quantity(one), len(one.results))
+    for quantity in module.quantities:
+        head = f"[out, singular] = {prefix}{quantity.name}(t, y, p)"
+        about = [about_of(module, quantity.procedure), state]
+        yield (
+            f"{prefix}{quantity.name}",
+            _text(module, head, about, functions.quantity(quantity), len(quantity.results)),
+        )
     yield f"{prefix}test", test_text(module, TEST, prefix=prefix)
 
 
@@ -218,7 +221,7 @@ end
 
 @register
 class Octave(Target):
-    """MATLAB and Octave; see `Target`."""
+    """Target `octave`: functions for MATLAB and Octave, one file each, and a test."""
 
     name = "octave"
     about = "MATLAB and Octave: one file for each function, no toolboxes, quantities only"

@@ -107,14 +107,14 @@ place."""
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
     """Return the definitions of helpers and of those that they use."""
-    wanted = {op for op in ops if op not in OPERATORS}
-    wanted |= {one for op in wanted for one in NEEDS.get(op, ())}
-    return [line for op, text in HELPERS.items() if op in wanted for line in (*text.splitlines(), "", "")]
+    needed = {op for op in ops if op not in OPERATORS}
+    needed |= {need for op in needed for need in NEEDS.get(op, ())}
+    return [line for op, text in HELPERS.items() if op in needed for line in (*text.splitlines(), "", "")]
 
 
 @register
 class Python(Target):
-    """Python with NumPy only; see `Target`."""
+    """Target `python`: a module that needs only NumPy, its test, and the run of the initial state."""
 
     name = "python"
     about = "Python: one module that needs NumPy only"
@@ -122,10 +122,10 @@ class Python(Target):
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module, and the programs that test it and run the initial state."""
         name = file_name(module)
-        found = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
+        texts = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
         if module.run is not None:
-            found[f"{name}_main.py"] = main_text(module, SCRIPT, file=name, head=ascii(columns(module)))
-        return found
+            texts[f"{name}_main.py"] = main_text(module, SCRIPT, file=name, head=ascii(columns(module)))
+        return texts
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
@@ -239,8 +239,8 @@ def constants(module: SourceModule) -> Iterator[str]:
 
 def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
     """Yield the lines of a public function, which takes NumPy arrays and calls the private one."""
-    names = [one.name for one in procedure.parameters]
-    passed = [_passed(one.name, one.type) for one in procedure.parameters]
+    names = [parameter.name for parameter in procedure.parameters]
+    passed = [_passed(parameter.name, parameter.type) for parameter in procedure.parameters]
     first, *rest = commented(about_of(module, procedure).replace('"', "'"), "")
     yield f"def {procedure.name}({', '.join(names)}):"
     yield f'    """{first.strip()}{"" if rest else chr(34) * 3}'
@@ -250,8 +250,8 @@ def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
     yield "    try:"
     yield f"        return _{procedure.name}({', '.join(passed)})"
     yield "    except (IndexError, NotImplementedError):"
-    given = (f"{name}=({name}, {length})" for name, length in lengths(module, procedure).items())
-    yield f"        _check_lengths({', '.join(given)})"
+    checked = (f"{name}=({name}, {length})" for name, length in lengths(module, procedure).items())
+    yield f"        _check_lengths({', '.join(checked)})"
     yield "        raise"
     yield ""
     yield ""

@@ -148,11 +148,11 @@ def source(module: SourceModule) -> str:
             f"let (parameters, p) = (&parameters[..{len(module.parameters)}], &mut p[..{functions.hoisted.size}]);",
         ),
     ]
-    for one in module.quantities:
-        slices = f"(&y[..STATE], &p[..{functions.hoisted.size}], &mut out[..{len(one.results)}])"
-        head = f"pub fn {one.name}(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {{"
-        about = about_of(module, one.procedure)
-        lines += _function(head, about, functions.quantity(one), f"let (y, p, out) = {slices};")
+    for quantity in module.quantities:
+        slices = f"(&y[..STATE], &p[..{functions.hoisted.size}], &mut out[..{len(quantity.results)}])"
+        head = f"pub fn {quantity.name}(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {{"
+        about = about_of(module, quantity.procedure)
+        lines += _function(head, about, functions.quantity(quantity), f"let (y, p, out) = {slices};")
     lines += LANGUAGE.systems(functions.needed)
     lines += (text.strip("\n") + "\n" for text in LANGUAGE.definitions(functions.needed))
     return "\n".join(lines).rstrip("\n") + "\n"
@@ -256,7 +256,7 @@ fn main() {{
 
 @register
 class Rust(Target):
-    """Rust; see `Target`."""
+    """Target `rust`: one source file, and its test."""
 
     name = "rust"
     about = "Rust (edition 2021): one file, no crates, no unsafe code, quantities only"

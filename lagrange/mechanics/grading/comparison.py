@@ -71,10 +71,10 @@ def branch_samples(
             break
         with suppress(OutsideDomain):
             point = states.satisfied(point)
-            if (taken := ways(point)) not in seen:
+            if (outcomes := ways(point)) not in seen:
                 samples.append(states.motion(point))
-                seen.add(taken)
-    reached = {pair for taken in seen for pair in zip(switches, taken, strict=True)}
+                seen.add(outcomes)
+    reached = {pair for outcomes in seen for pair in zip(switches, outcomes, strict=True)}
     every = dict.fromkeys((switch, way) for switch in switches for way in all_ways(switch))
     return samples, [pair for pair in every if pair not in reached]
 
@@ -127,7 +127,12 @@ def _scaled(row: EquationRow, rows: Sequence[EquationRow], sample: MotionSample)
 def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[MotionSample]) -> str:
     """Return a sentence on the ratio of the multipliers in right equations, `chosen`, to those of the system."""
     both = zip(chosen, samples, strict=True)
-    every = [a / b for one, other in both for a, b in zip(one.multipliers, other.multipliers, strict=True) if b]
+    every = [
+        a / b
+        for chosen_sample, other in both
+        for a, b in zip(chosen_sample.multipliers, other.multipliers, strict=True)
+        if b
+    ]
     ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR) if every else Fraction(1)
     if any(abs(x * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for x in every):
         return " Their multipliers are multiples of those of the system."
@@ -286,7 +291,11 @@ def _integrated(equation: StudentEquation, row: EquationRow) -> tuple[StudentEqu
     statement = row.statement
     plain = list(statement.plain.values())
     moving = [*plain[1::3], *row.slopes]
-    if not statement.constraints or any(one.holonomic for one in statement.constraints) or row.zero.has(*moving):
+    if (
+        not statement.constraints
+        or any(constraint.holonomic for constraint in statement.constraints)
+        or row.zero.has(*moving)
+    ):
         return None
     note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
     rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
@@ -369,14 +378,14 @@ def _blamed(
     """
     fewest = min(len(wrong) for _, wrong in choices if wrong)
     ranked = []
-    for place, (chosen, wrong) in enumerate(choices):
+    for index, (chosen, wrong) in enumerate(choices):
         if len(wrong) == fewest:
             row = rows[wrong[0]]
             term = WrongTerm(f"{row.label[0].upper()}{row.label[1:]} does not hold. {budget.UNNAMED}")
             with suppress(budget.BudgetSpent):
                 budget.check_size(row.zero)
                 term = wrong_term(row, derivation, chosen, write)
-            ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), place), (wrong, term)))
+            ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), index), (wrong, term)))
     return min(ranked, key=lambda choice: choice[0])[1]
 
 

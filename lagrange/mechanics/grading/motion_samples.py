@@ -39,17 +39,20 @@ class FirstOrderStates:
 
     def __init__(self, statement: Statement) -> None:
         form = PlainForm(statement)
-        held = [form.read(one.expression) for one in statement.constraints]
+        constraints = [form.read(constraint.expression) for constraint in statement.constraints]
         self.places = tuple(
             i
             for i, (q, v, momentum) in enumerate(zip(form.q, form.v, form.momenta, strict=True))
-            if not any(momentum.diff(other) != 0 for other in form.v) and not any(one.has(q, v) for one in held)
+            if not any(momentum.diff(other) != 0 for other in form.v)
+            and not any(constraint.has(q, v) for constraint in constraints)
         )
         relations = [form.residuals[i] for i in self.places]
         self._tape = None
         if relations:
             slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
-            self._tape = Precise([one.xreplace(form.stated) for one in (*relations, *slopes)], statement, DIGITS)
+            self._tape = Precise(
+                [constraint.xreplace(form.stated) for constraint in (*relations, *slopes)], statement, DIGITS
+            )
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return the point with velocities of these coordinates that satisfy the relations.
@@ -60,15 +63,15 @@ class FirstOrderStates:
             return point
         number, n = self._tape.context.mpf, len(self.places)
         parameters = {p: number(x) for p, x in point.parameters.items()}
-        found: list[Any] = self._tape(point.q, point.v, point.t, parameters)
-        matrix = [found[n + i * n : n + (i + 1) * n] for i in range(n)]
-        steps = solve_dense(matrix, found[:n], SINGULAR)
+        residuals: list[Any] = self._tape(point.q, point.v, point.t, parameters)
+        matrix = [residuals[n + i * n : n + (i + 1) * n] for i in range(n)]
+        steps = solve_dense(matrix, residuals[:n], SINGULAR)
         v = list(point.v)
-        for place, step in zip(self.places, steps, strict=True):
-            v[place] = v[place] - step
+        for index, step in zip(self.places, steps, strict=True):
+            v[index] = v[index] - step
         moved = replace(point, v=tuple(v))
         left = self._tape(moved.q, moved.v, moved.t, parameters)[:n]
-        if max(map(abs, left)) > LEFT * (1 + max(map(abs, found))):
+        if max(map(abs, left)) > LEFT * (1 + max(map(abs, residuals))):
             raise OutsideDomain("the relations are not linear in the velocities")
         return moved
 

@@ -353,37 +353,37 @@ class _Search:
         """
         left, right = self.row.sides
         zeros = [left - right]
-        for place in self.places:
+        for changed_sum in self.places:
             for times in (2, 3):
                 sides = list(self.row.sides)
-                sides[place.side] = _with(sides[place.side], place.path, times * place.whole)
+                sides[changed_sum.side] = _with(sides[changed_sum.side], changed_sum.path, times * changed_sum.whole)
                 zeros.append(sides[0] - sides[1])
         residual, *varied = self.values(zeros)
-        wholes = self.values([place.whole for place in self.places])
-        for k, (place, whole) in enumerate(zip(self.places, wholes, strict=True)):
-            if place.whole == 0:
+        wholes = self.values([changed_sum.whole for changed_sum in self.places])
+        for k, (changed_sum, whole) in enumerate(zip(self.places, wholes, strict=True)):
+            if changed_sum.whole == 0:
                 continue
             once, twice = varied[2 * k : 2 * k + 2]
             steps = [_root(*triple) for triple in zip(residual, once, twice, strict=True)]
             if None not in steps:
-                yield place, [step * value for step, value in zip(steps, whole, strict=True)]
+                yield changed_sum, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
         """Yield (cost, difference) for changes of a term, given the necessary `changes` of its value at the samples."""
         if not all(value):
             return
-        wanted = [a + b for a, b in zip(value, changes, strict=True)]
-        if all(abs(x) <= NONE * abs(a) for x, a in zip(wanted, value, strict=True)):
+        required = [a + b for a, b in zip(value, changes, strict=True)]
+        if all(abs(x) <= NONE * abs(a) for x, a in zip(required, value, strict=True)):
             yield LEFT_OUT, Difference(EXTRA, term, sympy.S.Zero)
             return
-        for cost, number, factor in self.multiples([x / a for x, a in zip(wanted, value, strict=True)]):
+        for cost, number, factor in self.multiples([x / a for x, a in zip(required, value, strict=True)]):
             right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
             if factor == 1:
                 yield _cost_of(number), Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
                 yield SIGN + cost + plain, Difference(WRONG, term, right)
-        for cost, right in self._among_models(wanted):
+        for cost, right in self._among_models(required):
             yield cost + REPLACED - MISSED, Difference(WRONG, term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:

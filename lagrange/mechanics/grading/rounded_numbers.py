@@ -35,13 +35,13 @@ def with_exact_numbers(
     enough digits: 0.667 stands for 2/3. A number that is cut off, such as 0.666, remains. For a product of decimals,
     which SymPy multiplies, the relative error is that of the most precise one.
     """
-    found = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
+    decimals_typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
-    if not found or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
+    if not decimals_typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
         return None
-    if any(number and abs(float(number)) < TINY for number in (*found, *decimals)):
+    if any(number and abs(float(number)) < TINY for number in (*decimals_typed, *decimals)):
         return None
-    typed = sorted(found, key=_unit)
+    typed = sorted(decimals_typed, key=_unit)
     try:
         exact = _exact_numbers(row, decimals, samples)
         corrected = replace(equation, **{side: getattr(equation, side).xreplace(exact) for side in ("zero", "right")})
@@ -58,12 +58,12 @@ def with_exact_numbers(
             number = _text(abs(exact[x]), FEWEST_DIGITS)
             return replace(equation, note=f"{abs(float(x)):.15g} is not {number} rounded: {short}.")
     digits = min(len(source.as_tuple().digits) for source in sources.values())
-    told = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
+    note = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
     if digits < FEWEST_DIGITS:
         advice = f"give at least {FEWEST_DIGITS}, or the exact number."
-        return replace(equation, note=f"To {counted(digits, 'digit')} {told}: {advice}")
+        return replace(equation, note=f"To {counted(digits, 'digit')} {note}: {advice}")
     label = f"{equation.label[0].upper()}{equation.label[1:]}"
-    return replace(corrected, note=f"{label} is right to {digits} digits: {told}.")
+    return replace(corrected, note=f"{label} is right to {digits} digits: {note}.")
 
 
 TINY = 1e-300

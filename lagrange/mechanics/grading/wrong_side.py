@@ -89,11 +89,11 @@ def told_change(change: Change, row: EquationRow, sample: MotionSample, write: W
         (above, below), (other, right_below) = map(sympy.fraction, (difference.there, difference.wanted))
         if below.is_Add and above == other:
             return f"{start} the denominator {write(below)} is wrong: it should be {write(right_below)}."
-    told = difference.told(place.around, 1, write)
+    ending = difference.told(place.around, 1, write)
     name = next((constraint_of(x) for x in difference.wanted.free_symbols if constraint_of(x) is not None), None)
     if difference.kind == MISSING and name is not None:
-        told = told.replace(" is missing.", f", the force of the constraint {name}, is missing.")
-    return f"{start}{right} {told}"
+        ending = ending.replace(" is missing.", f", the force of the constraint {name}, is missing.")
+    return f"{start}{right} {ending}"
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
@@ -161,8 +161,8 @@ def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[M
             for sign in (1, -1):  # on the left side, or on the right
                 corrected = row_of(StudentEquation(row.label, row.zero + sign * change), row.statement)
                 if corrected.holds(samples):
-                    told = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
-                    return f"{place_of(name, row)} {told}"
+                    sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
+                    return f"{place_of(name, row)} {sentence}"
     return ""
 
 

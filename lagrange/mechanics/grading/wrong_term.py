@@ -186,7 +186,10 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
             "equation of motion."
         )
     if still:
-        listed = [f"{one.name}, {write(one.expression.xreplace(row.statement.plain))} = 0" for one in constraints]
+        listed = [
+            f"{constraint.name}, {write(constraint.expression.xreplace(row.statement.plain))} = 0"
+            for constraint in constraints
+        ]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
     first = _first_of_several(row, derivation, samples, write)
