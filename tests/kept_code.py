@@ -10,6 +10,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,10 @@ class KeptCode:
 
 def shrink(folder: Path, room: int = ROOM) -> None:
     """Remove files until the others fit: those first that were read or written longest ago."""
-    files = [(file, file.stat()) for file in folder.glob("*")]
+    files = []
+    for file in folder.glob("*"):
+        with suppress(FileNotFoundError):  # another run has put it in its place meanwhile
+            files.append((file, file.stat()))
     taken = sum(status.st_size for _, status in files)
     for file, status in sorted(files, key=lambda entry: entry[1].st_mtime):
         if taken > room:

@@ -14,6 +14,7 @@ from lagrange.errors import StatementError
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import numeric
 from tests.mechanics.bicycle import STRAIGHT, bicycle, speed
+from tests.refusals import refusal
 
 x, y, z, heading, lean, spin = lg.coordinates("x y z heading lean spin")
 m, g, r, k, w = lg.parameters("m g r k w")
@@ -180,9 +181,7 @@ def test_the_eigenvalues_of_a_bicycle_are_those_published() -> None:
     ],
 )
 def test_velocities_off_the_constraints_are_refused(at: Any, words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        disc().linearize(at)
-    assert str(refusal.value).startswith(words)
+    assert refusal(disc().linearize, at).startswith(words)
 
 
 def test_an_equilibrium_in_decimals_is_not_followed_along_constraints() -> None:

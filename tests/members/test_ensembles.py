@@ -13,6 +13,7 @@ import lagrange as lg
 from lagrange.machine.llvm.processor import lanes
 from lagrange.members import work
 from lagrange.members.work import ThreadRunner
+from tests.refusals import refusal
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},
@@ -270,9 +271,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("request_", "text"), REFUSALS, ids=[text[:30] for _, text in REFUSALS])
 def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], text: str) -> None:
-    with pytest.raises(lg.StatementError) as refusal:
-        lg.ensemble(system("double-pendulum"), 1.0, **request_)
-    assert text in str(refusal.value)
+    assert text in refusal(lg.ensemble, system("double-pendulum"), 1.0, **request_)
 
 
 @pytest.mark.parametrize(
@@ -286,6 +285,4 @@ def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], text: str) ->
     ],
 )
 def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
-    with pytest.raises(lg.StatementError) as refusal:
-        make()
-    assert text in str(refusal.value)
+    assert text in refusal(make)

@@ -15,6 +15,7 @@ from lagrange.errors import StatementError
 from lagrange.page.explore import explored_sliders
 from lagrange.page.sliders import PARAMETER
 from tests.page.test_page import data_of
+from tests.refusals import refusal
 from tests.show.animations import in_page
 from tests.show.notebook.shown import HOSTILE
 
@@ -54,9 +55,7 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
     ],
 )
 def test_what_is_no_slider_is_refused(ranges: dict[str, Any], words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        lg.scene("double-pendulum").explore(**ranges)
-    assert words in str(refusal.value)
+    assert words in refusal(lg.scene("double-pendulum").explore, **ranges)
 
 
 def test_there_is_room_for_so_many_sliders() -> None:
@@ -97,9 +96,7 @@ def special(**more: Any) -> lg.System:
 
 def test_without_ipywidgets_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
-    with pytest.raises(StatementError) as refusal:
-        special().explore(k=(0.5, 2))
-    assert str(refusal.value) == (
+    assert refusal(special().explore, k=(0.5, 2)) == (
         "A page of special cannot be made: its rhs contains erf, which JavaScript has no function for. The sliders "
         "run in Python. They need ipywidgets, which is not installed: pip install ipywidgets, which the extra notebook "
         "has, and start the kernel again."

@@ -17,6 +17,7 @@ from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
+from tests.refusals import refusal
 from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, texts, unpacked
 from tests.show.examples import free, oscillator, solved
 
@@ -258,9 +259,7 @@ def test_one_state_is_one_frame(times: Any) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused(options: Any, message: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        double_pendulum().animate(**options)
-    assert str(refusal.value) == message
+    assert refusal(double_pendulum().animate, **options) == message
 
 
 def test_nothing_to_animate() -> None:

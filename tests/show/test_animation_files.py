@@ -19,6 +19,7 @@ from lagrange.page.document import hash_of, short
 from lagrange.show.animation import film, gif
 from lagrange.show.animation.recording import thinned
 from tests.page.browser import Browser, program
+from tests.refusals import refusal
 from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, unpacked
 from tests.show.examples import oscillator
 
@@ -85,9 +86,7 @@ def test_without_ffmpeg_a_page_is_written_and_that_is_said(tmp_path: Path, monke
     with pytest.warns(UserWarning, match=note):
         made = oscillator().animate(tmp_path / "a.mp4")
     assert made.path == tmp_path / "a.html" and left_in(tmp_path) == ["a.html"] and note in made.notes
-    with pytest.raises(StatementError) as refusal:
-        oscillator().animate(tmp_path / "a.mp4")
-    assert str(refusal.value) == (
+    assert refusal(oscillator().animate, tmp_path / "a.mp4") == (
         f"{tmp_path / 'a.mp4'} needs the program ffmpeg, which is not installed, and {tmp_path / 'a.html'}, which "
         "would do instead, is there already: name a file that ends in .html or .gif."
     )

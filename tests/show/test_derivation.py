@@ -11,13 +11,13 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.equations import derivation as equations
 from lagrange.equations.derivation import Derivation, derive
-from lagrange.errors import StatementError
 from lagrange.show.derivation_page import render
 from lagrange.show.notebook.shown_lists import EquationList
 from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from tests.models import shared_scene
+from tests.refusals import refusal
 
 m, g, l, k, c = parameters("m g l k c")
 theta, x = coordinates("theta x")
@@ -135,9 +135,7 @@ def test_what_is_too_large_is_said_in_its_place(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_unknown_format_is_refused() -> None:
-    with pytest.raises(StatementError) as refusal:
-        render(cart(), "markdwon")
-    assert str(refusal.value) == (
+    assert refusal(render, cart(), "markdwon") == (
         "'markdwon' is not a format of a derivation; they are text, unicode, latex, markdown and html. Did you mean "
         "'markdown'?"
     )

@@ -15,6 +15,7 @@ from sympy.physics import units
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.units.dimension import read_dimension
+from tests.refusals import refusal
 
 m, M, g, l, k, c, R, w, q0, B = lg.parameters("m M g l k c R w q0 B")
 theta, phi, x, y, r = lg.coordinates("theta phi x y r")
@@ -154,9 +155,7 @@ def test_an_angle_that_was_not_stated_has_no_root_of_a_length(given: dict[str, A
 
 
 def test_messages_have_what_it_is_and_what_it_should_be() -> None:
-    with pytest.raises(StatementError) as refusal:
-        stated({**PENDULUM, "potential": -m * g * cos(theta)})
-    assert str(refusal.value) == (
+    assert refusal(stated, {**PENDULUM, "potential": -m * g * cos(theta)}) == (
         "the potential energy has the term -g*m*cos(theta), whose dimension is force (mass*length/time**2); it should "
         "be energy (mass*length**2/time**2)."
     )
@@ -213,9 +212,7 @@ def test_units_must_fit_together() -> None:
     ],
 )
 def test_refusals(given: Any, message: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        stated(PENDULUM, given)
-    assert str(refusal.value).startswith(message)
+    assert refusal(stated, PENDULUM, given).startswith(message)
 
 
 def test_powers_that_are_no_numbers_need_a_base_without_dimension() -> None:

@@ -14,6 +14,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.parameters import Survey
 from tests.models import stated
+from tests.refusals import refusal
 
 x, y, z = coordinate("x"), coordinate("y"), coordinate("z")
 a, b = parameters("a b")
@@ -88,9 +89,7 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
     ],
 )
 def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        event(**{"expression": x} | given)
-    assert words in str(refusal.value)
+    assert words in refusal(event, **{"expression": x} | given)
 
 
 @pytest.mark.parametrize(
@@ -116,9 +115,7 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
     ],
 )
 def test_what_the_system_does_not_have_is_refused(given: Any, words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        declare_events(given, STATEMENT)
-    assert words in str(refusal.value)
+    assert words in refusal(declare_events, given, STATEMENT)
 
 
 def test_an_expression_is_surveyed_once_for_many_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,9 +142,7 @@ def test_multipliers_of_constraints_that_are_none_are_refused() -> None:
         (multiplier("wal"), held, "lambda[wal], but the constraints are wall and floor. Did you mean 'wall'?"),
         (multiplier("wall"), free, "lambda[wall], but free has no constraints."),
     ):
-        with pytest.raises(StatementError) as refusal:
-            declare_events([given], statement)
-        assert str(refusal.value) == f"event 0 contains {end}"
+        assert refusal(declare_events, [given], statement) == f"event 0 contains {end}"
 
 
 def test_multipliers_and_accelerations_are_no_values_of_resets() -> None:

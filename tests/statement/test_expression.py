@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import sympy
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import shown
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.expression import entries, expression, vector
+from tests.refusals import refusal
 
 x = coordinate("x")
 
@@ -53,9 +54,7 @@ def test_expressions_and_numbers(value: Any, expected: Any) -> None:
     ids=lambda case: type(case).__name__,
 )
 def test_what_is_no_expression(value: Any, words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        expression(value, "m")
-    assert words in str(refusal.value)
+    assert words in refusal(expression, value, "m")
 
 
 @pytest.mark.parametrize(
@@ -85,9 +84,7 @@ def test_vectors(value: Any) -> None:
     ],
 )
 def test_what_is_no_vector(value: Any, words: str) -> None:
-    with pytest.raises(StatementError) as refusal:
-        vector(value, "the position")
-    assert words in str(refusal.value)
+    assert words in refusal(vector, value, "the position")
 
 
 def test_what_holds_nothing_is_told_from_what_is_no_container() -> None:

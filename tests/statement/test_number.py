@@ -14,6 +14,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.statement.number import flag, real_array, real_number
+from tests.refusals import refusal
 
 
 @pytest.mark.parametrize(
@@ -58,9 +59,7 @@ ENTRIES: list[tuple[Any, str]] = [
 
 @pytest.mark.parametrize(("value", "message"), ENTRIES, ids=lambda case: str(type(case)))
 def test_what_is_no_array_of_real_numbers(value: Any, message: str) -> None:
-    with pytest.raises(StatementError) as caught:
-        real_array(value, "q")
-    assert message in str(caught.value)
+    assert message in refusal(real_array, value, "q")
 
 
 @pytest.mark.parametrize(
@@ -123,6 +122,4 @@ REFUSALS: list[tuple[Any, str]] = [
 
 @pytest.mark.parametrize(("value", "message"), REFUSALS, ids=lambda case: str(case)[:20])
 def test_what_is_no_real_number(value: Any, message: str) -> None:
-    with pytest.raises(StatementError) as caught:
-        real_number(value, "parameter m")
-    assert message in str(caught.value)
+    assert message in refusal(real_number, value, "parameter m")

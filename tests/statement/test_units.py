@@ -15,6 +15,7 @@ from lagrange.errors import StatementError
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.writer import scene_text
 from lagrange.statement.units.dimension import read_dimension
+from tests.refusals import refusal
 from tests.statement.test_dimensions import KNOWN, SYSTEMS
 
 m, M, k, a, F, c, g, l, w, u = lg.parameters("m M k a F c g l w u")
@@ -122,9 +123,9 @@ def test_units_that_do_not_fit_are_refused(name: str) -> None:
 
 
 def test_units_of_which_two_are_wrong_are_listed() -> None:
-    with pytest.raises(StatementError) as refusal:
-        lg.System(T, k * (x - a) ** 2 / 2, forces={x: F}, dimensions={x: "m", a: "cm", F: "kN", k: "N/m", m: "kg"})
-    assert str(refusal.value).endswith("Stated are x in m, a in cm, F in kN, k in N/m.")
+    assert refusal(
+        lg.System, T, k * (x - a) ** 2 / 2, forces={x: F}, dimensions={x: "m", a: "cm", F: "kN", k: "N/m", m: "kg"}
+    ).endswith("Stated are x in m, a in cm, F in kN, k in N/m.")
 
 
 RATES: dict[str, tuple[dict[Any, str], str]] = {
@@ -184,9 +185,7 @@ def test_units_that_fit_are_taken() -> None:
 
 
 def test_a_unit_that_follows_is_made_of_stated_ones() -> None:
-    with pytest.raises(StatementError) as refusal:
-        lg.System(T + M * y.dot**2 / 2, m * g * x, dimensions={m: "kg", M: "g", g: "m/s**2"})
-    assert str(refusal.value) == (
+    assert refusal(lg.System, T + M * y.dot**2 / 2, m * g * x, dimensions={m: "kg", M: "g", g: "m/s**2"}) == (
         "no unit was stated for y, and the one that follows from its terms is 31.6228 m: state the unit of y, or state "
         "all symbols in units that fit together, such as kg, m and s, and angles in rad."
     )
