@@ -407,7 +407,7 @@ class Model:
     ) -> str:
         """Return a message on why accelerations do not exist at coordinates q, or at states (2n,) or (2n, batch)."""
         q = real_array(q, "q")
-        if q.ndim not in (1, 2):
+        if q.ndim not in (1, 2) or not q.size:
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
         column = 0 if column is None else whole_number(column, "column", 0, q.shape[-1] - 1)
         t = self._time(t, q)

@@ -109,7 +109,7 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     for kind in set(map(type, value)) if isinstance(value, (list, tuple)) else ():
         if issubclass(kind, _NO_NUMBERS):
             raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
-    entries = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, Sized) else 1
+    entries = _count(value)
     if entries * width > MOST_NUMBERS:
         raise StatementError(
             f"{what} has {entries:.3g} entries, which takes {8 * entries * width / 2**30:.3g} GiB of memory: give "
@@ -124,6 +124,20 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
             f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
         )
     return array
+
+
+MOST_AXES = 64
+"""Largest number of axes of an array of NumPy."""
+
+
+def _count(value: Any, axes: int = 0) -> int:
+    """Return the number of entries of an array, a sequence or sequences in one, and 1 for anything else."""
+    if isinstance(value, np.ndarray):
+        return value.size
+    kinds = set(map(type, value)) if isinstance(value, (list, tuple)) and axes < MOST_AXES else ()
+    if any(issubclass(kind, Sized) for kind in kinds):
+        return sum(_count(entry, axes + 1) for entry in value)
+    return len(value) if isinstance(value, Sized) else 1
 
 
 def _as_float(value: Any, what: str) -> float:

@@ -156,6 +156,14 @@ UNTYPED: Any = lg
     [
         (lambda: INSTANCES[lg.Model]().on_same_machine(INSTANCES[lg.System]().statement, 5), "kept = 5"),
         (lambda: UNTYPED.methods.RK4().integrate({}), "rk4 cannot run"),
+        (lambda: INSTANCES[lg.Model]().mass_matrix([range(10**9)]), "q has 1e.09 entries"),
+        (lambda: INSTANCES[lg.Model]().momenta([0.1, 0.2], [0.1, 0.2], [[range(10**9)]]), "the time t has 1e.09"),
+        (lambda: INSTANCES[lg.Model]().singular_message(0.0, [[]]), "q has shape"),
+        (lambda: INSTANCES[lg.System]().compare({"x": np.zeros(3)}), "give a number"),
+        (
+            lambda: lg.table(sympy.Limit(sympy.Symbol("u"), sympy.Symbol("u"), 0), [0, 1, 2, 3], [0, 1, 0, 1]),
+            "a number",
+        ),
         (lambda: lg.table(sympy.Symbol("q", commutative=False), [0, 1, 2, 3], [0, 1, 0, 1]), "not real"),
     ],
 )

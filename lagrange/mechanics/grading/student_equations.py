@@ -183,7 +183,7 @@ class _EquationReader:
         if isinstance(given, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in given.args)
             return [StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}", place=place)]
-        if isinstance(given, bool) or given in (sympy.true, sympy.false):
+        if isinstance(given, bool) or given is sympy.true or given is sympy.false:
             raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
         stated = expression(given, what)
         try:
