@@ -1,4 +1,4 @@
-"""Parts of a step program: the laws of motion that a step evaluates, and its actions on numbered vectors."""
+"""Parts of a step program: the laws (functions of the model) that a step evaluates, and actions on numbered vectors."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Split a combination in two, by the coefficients of its vectors.
+    """Split a linear combination in two.
 
-    The first part has any coefficients; the second has exact coefficients, and its sum is multiplied by h.
+    The first part has coefficients of any form. The second has exact numbers as coefficients; its sum is multiplied by
+    the step size h.
     """
     plain, scaled = [], []
     for vector, node in combination:
@@ -29,17 +30,17 @@ def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[i
 
 
 def in_doubles(number: Exact) -> tuple[float, float]:
-    """Return an exact number as the sum of two doubles, to twice the digits of one."""
+    """Return an exact number as a pair of doubles whose sum has about 32 digits."""
     return float(number), float(number - Fraction(float(number)))
 
 
 @dataclass(frozen=True)
 class Law:
-    """The function that a step evaluates, such as the right-hand side or the momenta and forces.
+    """The function of the model that a step evaluates, such as the right-hand side.
 
-    `states`, `arguments` and `results` are numbers of vectors: of the state, of the arguments of a call and of its
-    results. `quantity` is the name of the model's quantity that a call evaluates, `derivative` that of its derivative
-    by the arguments. `inputs` is the number of vectors of n numbers that both read.
+    `states`, `arguments` and `results` count vectors of n numbers: those of the state, the arguments of a call, and its
+    results. `quantity` names the model's quantity that a call evaluates; `derivative` names its derivative by the
+    arguments. `inputs` is the number of vectors that both quantities read.
     """
 
     states: int
@@ -58,7 +59,7 @@ class Law:
         return self.inputs > 2
 
     def dimension(self, numbers: int) -> int:
-        """Return the size of a state, if the quantity reads `numbers` numbers."""
+        """Return the length of a state vector, for a quantity that reads `numbers` numbers."""
         return 2 * numbers // self.inputs
 
 
@@ -69,17 +70,25 @@ LAWS = {
     "constrained": Law(2, 3, 5, "constrained", "constrained_jacobian", 3),
     "local": Law(2, 3, 4, "local", "", 3),
 }
-"""The laws by name: y' = f(t, y) of y = [q, v]; a(t, q), which must not depend on velocities, for methods that move
-coordinates and velocities in turn; p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f; and p, f,
-c, phi, psi = g(t, q, v, lambda) with the forces c = G^T lambda of constraints, these themselves and their rates, all
-padded to n entries: see `lagrange.program.constraints`; and dQ/dt, dV/dt, q, v = g(t, Q, V, start), the derivatives of
-a local state about the coordinates at the start of a step, and the state that it represents: see
-`lagrange.program.local`."""
+"""The laws by name.
+
+`rhs`: y' = f(t, y) with y = [q, v].
+
+`accelerations`: a(t, q), independent of velocities, for methods that advance coordinates and velocities in turn.
+
+`momentum`: p, f = g(t, q, v), with momenta p = dL/dv and forces f, so that dp/dt = f.
+
+`constrained`: p, f, c, phi, psi = g(t, q, v, lambda), with constraint forces c = G^T lambda, the constraints phi and
+their rates psi, all padded to n entries (`lagrange.program.constraints`).
+
+`local`: dQ/dt, dV/dt, q, v = g(t, Q, V, start), with a local state (Q, V) about the coordinates `start`
+(`lagrange.program.local`).
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class LawCall:
-    """One evaluation of the law at a time and its arguments; `first` is the number of its first result."""
+    """One evaluation of the law at a time and its arguments. Its results are numbered from `first`."""
 
     time: Node
     arguments: tuple[Combination, ...]
@@ -87,18 +96,18 @@ class LawCall:
 
     @property
     def argument(self) -> Combination:
-        """The first argument of the call. Only laws of momenta have a second one."""
+        """The first argument of the call. Only laws with two state vectors have a second one."""
         return self.arguments[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Unknown vectors, numbered from `first`, at which residuals are zero.
+    """Unknown vectors, numbered from `first`, that make the residuals zero.
 
-    `calls` are those inside the residuals, which may depend on the unknowns but not on each other. `guesses` start
-    Newton's method where there is nothing to extrapolate from, and `preparation` are the calls that they need.
-    `predicted` continues the unknowns of the step before, which have the same numbers; without it equal steps are
-    extrapolated by a polynomial.
+    `calls` are the calls inside the residuals; they may depend on the unknowns but not on each other. `guesses` are the
+    start values of Newton's method if no previous steps can be extrapolated; `preparation` are the calls that the
+    guesses need. `predicted` extrapolates the unknowns of the previous step, which have the same numbers. Without it,
+    steps of equal size are extrapolated by a polynomial.
     """
 
     first: int
@@ -114,7 +123,7 @@ class Solve:
         return len(self.residuals)
 
     def reach(self, unknown: int, place: int) -> list[Node]:
-        """Return the factors with which an unknown enters an argument of the calls."""
+        """Return the coefficients of an unknown in the first or second argument (`place` 0 or 1) of all calls."""
         return [
             factor for call in self.calls for vector, factor in call.arguments[place] if vector == self.first + unknown
         ]
@@ -122,7 +131,7 @@ class Solve:
 
 @dataclass(frozen=True, eq=False)
 class Damp:
-    """The vector (I - factor J)^-1 times a combination, where J is the Jacobian that the solve `of` used last."""
+    """The vector (I - factor J)^-1 times a combination. J is the Jacobian that the solve numbered `of` used last."""
 
     result: int
     of: int

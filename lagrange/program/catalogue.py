@@ -27,9 +27,9 @@ from lagrange.program.program import Program
 class Quantity:
     """A quantity that a model evaluates.
 
-    `results` gives its nodes by name. `indices` is 0 for a number, 1 for a vector, 2 for a matrix with `rows` rows,
-    which is square without `rows`. `inputs` gives the nodes that it is a function of, except t. For `solved` and
-    `returned` see `Program`.
+    `results` returns its nodes by name. `indices` is 0 for a number, 1 for a vector, 2 for a matrix. A matrix has
+    `rows` rows, or is square without `rows`. `inputs` returns the input nodes, except t. `solved` and `returned` have
+    the meaning that they have in `Program`.
     """
 
     results: Callable[[Equations], Named]
@@ -54,7 +54,7 @@ def jacobian(equations: Equations) -> Named:
     """
     graph, held = equations.graph, equations.constraints
     n, m = len(equations.v), len(equations.constraints)
-    # Accelerations are symbols while this differentiates: M times the solution of M a = h would cancel.
+    # Here accelerations are symbols: the derivative of M times the solution of M a = h would be zero.
     a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
     along = tangents([*equations.motion.momenta, *held.velocities], {**direction, **graph.rates})
@@ -74,7 +74,7 @@ def jacobian(equations: Equations) -> Named:
 
 
 def momentum(equations: Equations) -> Named:
-    """Return [p, f], p = dL/dv and f = dL/dq + Q - dD/dv, so that dp/dt = f."""
+    """Return [p, f], the momenta p = dL/dv and the forces f = dL/dq + Q - dD/dv, so that dp/dt = f."""
     return {"momenta": equations.momenta, "forces": equations.forces}
 
 
@@ -86,7 +86,7 @@ def momentum_jacobian(equations: Equations) -> Named:
 
 
 def constraint_forces(equations: Equations) -> Named:
-    """Return G_i^T lambda_i of each constraint, a block of n."""
+    """Return the generalized force G_i^T lambda_i of each constraint i, n entries for each."""
     forces = [
         entry * one for row, one in zip(equations.stated.gradient, equations.multipliers, strict=True) for entry in row
     ]
@@ -94,12 +94,12 @@ def constraint_forces(equations: Equations) -> Named:
 
 
 def constraint_gradient(equations: Equations) -> Named:
-    """Return G = dpsi/dv, a row for each constraint."""
+    """Return the gradient of the constraints by the velocities, G = dpsi/dv, one row for each constraint."""
     return {"constraint_gradient": [entry for row in equations.stated.gradient for entry in row]}
 
 
 def constraint_sizes(equations: Equations) -> Named:
-    """Return the sizes of the terms of phi, then of psi, of every constraint."""
+    """Return for each constraint the sum of the magnitudes of its terms: first for phi, then for psi."""
     held = equations.stated
     sizes = term_sizes([*constraint_positions(held), *held.velocities])
     return {"positions": sizes[: len(held)], "velocities": sizes[len(held) :]}
@@ -118,7 +118,7 @@ QUANTITIES: dict[str, Quantity] = {
     "momentum": Quantity(momentum, returned=("momenta", "forces")),
     "momentum_jacobian": Quantity(momentum_jacobian, 2),
 }
-"""Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h + G^T lambda."""
+"""Quantities of every system, by name. `forces` is f = dL/dq + Q - dD/dv; `bias` is h in M a = h + G^T lambda."""
 
 
 def _by_constraint(equations: Equations) -> int:
@@ -134,8 +134,10 @@ CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "constraint_bias": Quantity(lambda e: {"constraint_bias": e.stated.bias}),
     "constraint_sizes": Quantity(constraint_sizes),
 }
-"""Further quantities of a system with constraints: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
-G, `constraint_bias` gamma of G a + gamma = 0, and `constraint_sizes` the sizes of the terms of phi and psi."""
+"""Quantities of systems with constraints, by name. `constraints` is phi, followed by psi = dphi/dt.
+`constraint_gradient` is G. `constraint_bias` is gamma in G a + gamma = 0. `constraint_sizes` has the sizes of the terms
+of phi and psi.
+"""
 
 
 LAW_QUANTITIES: dict[str, Quantity] = {
@@ -144,8 +146,9 @@ LAW_QUANTITIES: dict[str, Quantity] = {
     "projection": Quantity(projection, solved=True),
     "local": Quantity(local, solved=True, inputs=local_inputs),
 }
-"""Quantities that only steps call: laws with multipliers, functions of t, q, v and lambda; and the corrections of a
-state [q, v] onto the constraints, with its violation before and after them."""
+"""Quantities that only steps evaluate: laws with multipliers, as functions of t, q, v and lambda; and corrections of a
+state [q, v] onto the constraints, with the violation before and after.
+"""
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
@@ -183,5 +186,5 @@ def _lowered(name: str, equations: Equations) -> Program:
 def lower_nodes(
     name: str, nodes: Sequence[Node], equations: Equations, shape: tuple[int, ...] | None = None
 ) -> Program:
-    """Return the program of any nodes of the equations' graph, as a function of t, q, v and parameters."""
+    """Return the program that computes given nodes of the equations' graph from t, q, v and parameters."""
     return lower(name, {name: nodes}, equations.state, equations.time, equations.parameters, shape=shape)

@@ -27,7 +27,7 @@ LEAST_TERM_SIZE = Fraction(1, 2**1000)
 
 
 def constraint_positions(held: ConstraintEquations) -> list[Node]:
-    """Return phi of every constraint, zero for those that are stated in velocities."""
+    """Return phi of every constraint; zero for constraints that are stated as equations of velocities."""
     pairs = zip(held.positions, held.velocities, strict=True)
     return [psi.graph.zero if phi is None else phi for phi, psi in pairs]
 
@@ -35,10 +35,12 @@ def constraint_positions(held: ConstraintEquations) -> list[Node]:
 def projection(equations: Equations) -> Named:
     """Return the corrections [dq, dv] of a state, its violation, and the remainder after the corrections.
 
-    Both are relative to the sizes of the terms. The violation is that of the worst constraint; the remainder is the sum
-    over all constraints of the second-order term along the corrections. Near a configuration where constraints become
-    dependent the corrections are large, and the remainder may exceed the violation. With coordinates of first order the
-    violation of the stated constraints follows, without that of their relations: at a start they give velocities.
+    Violation and remainder are relative to the sizes of the constraints' terms. The violation is that of the worst
+    constraint. The remainder is the sum, over all constraints, of the second-order term along the corrections. Near a
+    configuration with dependent constraints the corrections are large, and the remainder may exceed the violation.
+
+    With coordinates of first order, the violation of the stated constraints follows, without that of the relations that
+    determine their velocities at the start.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -67,7 +69,7 @@ def projection(equations: Equations) -> Named:
     def worst(of: Sequence[Node]) -> Node:
         return reduce(lambda a, b: graph.call("max", a, b), of, zero)
 
-    # A sum, and not a maximum: it is NaN if one of its terms is.
+    # A sum instead of a maximum: it is NaN if one of its terms is NaN.
     remainder = graph.sum([(1, share) for share in rest])
     found = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
     relations = len(equations.first_order)
@@ -94,17 +96,17 @@ def multiplier_symbols(equations: Equations) -> list[Node]:
 
 
 def constrained_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the law by part: the state, followed by the multipliers."""
+    """Return the inputs of the law by name: the state, followed by the multipliers."""
     return {**equations.state, "multipliers": multiplier_symbols(equations)}
 
 
 def constrained(equations: Equations) -> Named:
     """Return p, f, G^T lambda, phi and psi, n entries each: the law of methods whose unknowns are multipliers.
 
-    The m multipliers of n coordinates are padded to n entries, and so are the constraints: an entry without constraint
-    is the multiplier itself. A step that brings all entries to zero has padding multipliers of zero, and the matrix of
-    Newton's method is square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi.
-    Momenta and forces are those of the solved form, whose mass matrix is regular.
+    The m multipliers and constraints are padded to n entries. A padding entry of the constraints is the padding
+    multiplier itself. A step makes all entries zero, hence also the padding multipliers, and the matrix of Newton's
+    method is square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi. Momenta
+    and forces are those of the solved form, whose mass matrix is regular.
     """
     held, multipliers = equations.constraints, multiplier_symbols(equations)
     count = len(held)

@@ -15,7 +15,8 @@ from lagrange.equations.solve_plan import SolvePlan, band_order
 
 LARGEST_IN_LINE = 6
 """Largest matrix without multipliers whose elimination is printed one operation at a time. For larger ones a loop is as
-fast and compiles at once."""
+fast and compiles quickly.
+"""
 
 MOST_MULTIPLICATIONS = 30_000
 """Largest number of multiplications of an elimination with multipliers that is printed one by one."""
@@ -23,9 +24,9 @@ MOST_MULTIPLICATIONS = 30_000
 
 @dataclass(frozen=True)
 class Elimination:
-    """Structure of a symmetric matrix: its `order`, and the index pairs (i, j), i >= j, of its nonzero `entries`.
+    """Structure of a symmetric matrix of size `order`.
 
-    `negative` are the indices of negative pivots.
+    `entries` are the index pairs (i, j), i >= j, of its nonzero entries. `negative` are the indices of negative pivots.
     """
 
     order: int
@@ -34,7 +35,7 @@ class Elimination:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """Column indices k < i of the entries in each row i of L, rising."""
+        """Column indices k < i of the nonzero entries in each row i of L, ascending."""
         columns: list[set[int]] = [set() for _ in range(self.order)]
         for i, j in self.entries:
             if i > j:
@@ -51,7 +52,7 @@ class Elimination:
 
     @cached_property
     def columns(self) -> tuple[tuple[int, ...], ...]:
-        """Row indices i > j of the entries in each column j of L, rising."""
+        """Row indices i > j of the nonzero entries in each column j of L, ascending."""
         found: list[list[int]] = [[] for _ in range(self.order)]
         for i, row in enumerate(self.rows):
             for j in row:
@@ -60,14 +61,15 @@ class Elimination:
 
     @cached_property
     def places(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs of the entries of L by rows, with the diagonal."""
+        """Index pairs of the nonzero entries of L, row by row, with the diagonal."""
         return tuple((i, j) for i, row in enumerate(self.rows) for j in (*row, i))
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
         """Position of each unknown in the matrix that is factored with pivoting.
 
-        Beside multipliers most entries are zero: this order keeps neighbours close to each other.
+        Matrices with multipliers are sparse: this order puts coupled unknowns close to each other, for a small
+        bandwidth.
         """
         if not self.negative:
             return tuple(range(self.order))
@@ -81,11 +83,11 @@ class Elimination:
 
     @cached_property
     def band(self) -> int:
-        """Half bandwidth of the matrix that is factored with pivoting."""
+        """Half bandwidth of the matrix that is factored with pivoting, in the order of `ranks`."""
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
     def band_place(self, i: int, j: int) -> int:
-        """Return the index of an entry in the band storage of that matrix; see `lagrange.algorithm.linear.pivoted`."""
+        """Return the index of entry (i, j) in the band storage of `lagrange.algorithm.linear.pivoted`."""
         first, second = sorted((self.ranks[i], self.ranks[j]))
         return first * self.band + second
 
@@ -117,9 +119,9 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return True if a moving matrix is factored, and not inverted, for its solves.
+    """Return True if a moving matrix is factored for its solves, False if it is inverted.
 
-    Factors serve matrices with multipliers, most of whose entries are zero.
+    Factors are used for matrices with multipliers, which are sparse.
     """
     blocks = [block for block in block_eliminations(plan) if block.order > 1]
     return plan.inverted and all(block.negative and block.written_out for block in blocks)

@@ -18,19 +18,21 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import LONGEST_FLAT, Binding, Exact, Graph, Kind, Node, exact, reachable
 
 LinearTerms = tuple[tuple[Exact, Node], ...]
-"""Sum of coefficient * node as a list: the graph would take out common factors again."""
+"""Sum of coefficient * node, as a list: as a node of the graph its common factors would be collected again."""
 
 MOST_TERMS = 4096
-"""Largest number of terms in one equation of a form: expanding pays only for few. The scenes, and chains of 30 links,
-have at most 7. A mass that is a product of 12 sums has 4096, takes 0.03 s for each momentum, and gains nothing."""
+"""Largest number of terms in one equation of a form: expanding pays only for few terms. The scenes, and chains of 30
+links, have at most 7. A mass that is a product of 12 sums has 4096 terms, which take 0.03 s for each momentum and save
+nothing.
+"""
 
 
 @dataclass(frozen=True)
 class Momentum:
     """A momentum as a sum of `terms`, integrals and other momenta, up to a constant.
 
-    `swept` has (c, C, Y) for the integrals of c C dY, and `inner` has (c, s, node) for c s times the momentum of the
-    node, with s constant.
+    `swept` has (c, C, Y) for each integral of c C dY. `inner` has (c, s, node) for c s times the momentum `node`, with
+    constant s.
     """
 
     terms: LinearTerms = ()
@@ -40,7 +42,10 @@ class Momentum:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """Equations dp/dt = f: `momenta` and `forces` by coordinate, and `parts` of each momentum by its node."""
+    """Equations dp/dt = f.
+
+    `momenta` and `forces` are in the order of the coordinates. `parts` maps the node of each momentum to its terms.
+    """
 
     momenta: tuple[Node, ...]
     parts: Mapping[Node, Momentum]
@@ -57,7 +62,7 @@ class Form:
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
-    """Return the forms of the equations to be compared by cost, the momentum form first."""
+    """Return the forms of the equations, whose costs the caller compares. The first one is the momentum form."""
     graph = time.graph
     whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
     whole_sums = _used_again([*p, *f])
@@ -74,7 +79,7 @@ def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[N
 
 
 Expansion = dict[tuple[Node, ...], Exact]
-"""A sum as a table: the coefficient of each term by the sorted factors of the term."""
+"""A sum as a table: for each term, given by its sorted factors, the coefficient."""
 
 _Term = tuple[tuple[Node, ...], Exact]
 
@@ -93,7 +98,7 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
 
 
 def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
-    """Return a node as an expanded sum of products, or None for too many terms; sums in `whole` stay."""
+    """Return a node as an expanded sum of products, or None if it has too many terms. Sums in `whole` are kept."""
     found: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):
@@ -112,7 +117,7 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
         if first.kind is Kind.CONSTANT:
             stack.append((coefficient * first.data, done, rest))
         elif first.kind is Kind.PRODUCT and (done or rest) and len(first.args) > LONGEST_FLAT:
-            # A long product in a product stays whole: many terms may share it.
+            # A long product inside a product is not expanded: many terms may share it.
             stack.append((coefficient, (*done, first), rest))
         elif first.kind is Kind.PRODUCT and (opens or not first.binding >= Binding.VELOCITY):
             stack.append((coefficient, done, (*first.args, *rest)))
@@ -135,10 +140,11 @@ def _terms(graph: Graph, expansion: Expansion) -> LinearTerms:
 
 
 class _ByParts:
-    """Builder of d'Alembert's form. `slopes` has for each momentum the sum of Y dC/dt over its terms C Y, expanded.
+    """Builder of d'Alembert's form.
 
-    Momenta may be sums that contain other momenta, as in a chain with relative angles. Their slopes and the forces then
-    contain those of the other coordinates. So one remaining force replaces those of all later coordinates.
+    `slopes` has for each momentum the expanded sum of Y dC/dt over its terms C Y. A momentum may contain other momenta,
+    as in a chain with relative angles. Its slope and its force then contain those of the other coordinates. Therefore
+    the remaining force of one coordinate replaces those of all later coordinates.
     """
 
     def __init__(
@@ -156,7 +162,7 @@ class _ByParts:
         self.slopes: dict[Node, Node] = {}
 
     def form(self) -> Form | None:
-        """Return the form, or None where it would have too many terms."""
+        """Return the form, or None if it has too many terms."""
         graph = self.graph
         for momentum in sorted(self.p, key=lambda node: node.id):
             if not self.split(momentum):
@@ -175,7 +181,7 @@ class _ByParts:
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:
-        """Find the parts of a momentum, and its slope; return True if there are few enough terms."""
+        """Split a momentum into its parts and compute its slope. Return False if there are too many terms."""
         graph = self.graph
         expansion = _expanded(momentum, self.whole)
         if expansion is None:
@@ -205,7 +211,7 @@ class _ByParts:
 
 
 def _term(node: Node) -> _Term:
-    """Return a node that is not expanded as a term: its factors, and its coefficient."""
+    """Return a node that is not expanded as one term: its factors and its coefficient."""
     coefficient: Exact = 1
     while node.kind is Kind.SUM and _is_scaled(node):
         coefficient, node = coefficient * node.data[1][0], node.args[0]
@@ -215,7 +221,7 @@ def _term(node: Node) -> _Term:
 class _FinishedCoordinates:
     """The coordinates whose equations are finished.
 
-    Each has its force, the slope of its momentum, and the difference of both.
+    For each: its force, the slope of its momentum, and the difference of both.
     """
 
     def __init__(self) -> None:
@@ -223,12 +229,12 @@ class _FinishedCoordinates:
         self._places: dict[tuple[Node, ...], list[int]] = {}
 
     def add(self, force: _Term, slope: _Term, rest: Node) -> None:
-        """Add a coordinate with its force, the slope of its momentum, and what remains of their difference."""
+        """Add a coordinate: its force, the slope of its momentum, and the remainder `rest` of their difference."""
         self._places.setdefault(force[0], []).append(len(self._forces))
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Return terms in which the rest of each finished coordinate replaces its force and its momentum's slope."""
+        """Return an expansion in which the remainder of each finished coordinate replaces its force and slope."""
         found = dict(terms)
         todo = [place for key in found for place in self._places.get(key, ())]
         heapify(todo)

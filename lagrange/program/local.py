@@ -24,7 +24,7 @@ HALF = Fraction(1, 2)
 
 
 def local_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the law by part: a local state, then the coordinates at the start of the step."""
+    """Return the inputs of the law by name: a local state, then the coordinates at the start of the step."""
     start = [equations.graph.symbol(f"start {i}", Binding.CONFIGURATION) for i in range(len(equations.q))]
     return {**equations.state, "start": start}
 
@@ -62,7 +62,7 @@ def _quaternions(equations: Equations) -> list[list[Node]]:
 
 
 def _quotient(a: Sequence[Node], q: Sequence[Node]) -> list[Node]:
-    """Return the vector of the inverse of a quaternion q times a."""
+    """Return the vector part of q^-1 a for quaternions q and a."""
     square = _square(q)
     _, *vector = product(conjugate(q), a)
     return [entry / square for entry in vector]

@@ -1,7 +1,7 @@
-"""Lowering from graph to program: binary operations in a good order; those of parameters alone are hoisted.
+"""Lowering from graph to program: binary operations in a good order, with operations on parameters alone hoisted.
 
-Sums become chains of fused multiply-adds, products put parameters first so that their part is computed once per run,
-and a power with an integer or half-integer exponent becomes multiplications and square roots.
+Sums become chains of fused multiply-adds. Products put parameters first, so that this part is computed once per run. A
+power with an integer or half-integer exponent becomes multiplications and square roots.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ def lower(
 ) -> Program:
     """Return the program that computes `results` from t, `inputs` and parameters.
 
-    The results fill `shape` in C order, by default a vector; for the rest see `Program`.
+    The results fill `shape` in C order; the default is a vector. `returned` and `solved` have the meaning that they
+    have in `Program`.
     """
     outputs, state = ([node for block in named.values() for node in block] for named in (results, inputs))
     lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
@@ -58,7 +59,7 @@ def _blocks(named: Named) -> tuple[ProgramBlock, ...]:
 
 
 class _Lowering:
-    """Emits instructions with value numbering.
+    """Emits instructions, with value numbering.
 
     `level` of an instruction is its binding time: constant, parameter or moving.
     """
@@ -95,7 +96,7 @@ class _Lowering:
         return self.done[node]
 
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
-        """Return the number of an instruction; an equal instruction is reused."""
+        """Return the number of an instruction. An equal instruction that exists already is reused."""
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
             if not len(self.instructions) % CHECKED_EVERY:
@@ -116,11 +117,11 @@ class _Lowering:
         return self.emit("constant", value=nearest)
 
     def is_fused(self, node: Node) -> bool:
-        """Return True for a product with a single use: in a sum, as part of a multiply-add, or as a divisor."""
+        """Return True for a product that a multiply-add absorbs: used once, as a term of a sum or as a divisor."""
         return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
 
     def compute(self, node: Node) -> int:
-        """Emit the instructions of one node, whose arguments are emitted already."""
+        """Emit the instructions of one node. Those of its arguments exist already."""
         if node.kind is Kind.CONSTANT:
             return self.constant(node.data)
         if node.kind is Kind.SUM:
@@ -140,7 +141,7 @@ class _Lowering:
         return self.emit(node.kind.value, *args, order=node.data)
 
     def sum(self, node: Node) -> int:
-        """Emit a linear combination; the terms in parameters alone come first."""
+        """Emit a linear combination. Terms of parameters alone come first."""
         constant, coefficients = node.data
         terms = sorted(zip(coefficients, node.args, strict=True), key=_term_order)
         total: int | None = None
@@ -154,7 +155,7 @@ class _Lowering:
         return term if total is None else self.emit("add", total, term)
 
     def add_term(self, total: int | None, coefficient: Exact, arg: Node) -> int:
-        """Return total + coefficient * arg."""
+        """Return the number of total + coefficient * arg."""
         negative = coefficient < 0
         if arg.kind is Kind.PRODUCT and arg not in self.done:
             over, under = _split_factors(arg.args, self.uses)
@@ -170,7 +171,7 @@ class _Lowering:
         return self.emit("sub" if negative else "add", total, value)
 
     def add_product(self, total: int | None, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return total + coefficient * product, the last factor joined by a multiply-add."""
+        """Return the number of total + coefficient * product. The last factor enters by a multiply-add."""
         *first, last = factors
         if last.binding <= Binding.PARAMETER or total is None:
             value = self.chain(coefficient, factors)
@@ -191,7 +192,10 @@ class _Lowering:
         return self.emit("div", self.chain(coefficient, over), divisor)
 
     def chain(self, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return coefficient * product of the factors, parameters and the coefficient multiplied first."""
+        """Return the number of coefficient * product of the factors.
+
+        The coefficient and parameters are multiplied first.
+        """
         value: int | None = None
         refs = [(node.binding <= Binding.PARAMETER, self.ref(node)) for node in factors]
         for _, ref in (pair for pair in refs if pair[0]):
@@ -238,10 +242,10 @@ class _Lowering:
         return value
 
     def finish(self, outputs: list[int]) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
-        """Drop what no output needs, move the parameter part to the front, and renumber.
+        """Remove instructions that no output needs, move those of parameters alone to the front, and renumber.
 
-        Inputs, parameters that change along a motion, are read in front as well; what depends on them is not hoisted.
-        Returns the instructions, how many are hoisted, and the outputs.
+        Inputs that are parameters that change along a motion are read at the front too, but what depends on them is not
+        hoisted. Returns the instructions, the number of hoisted ones, and the outputs.
         """
         needed = self.needed(outputs)
         early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
@@ -283,7 +287,10 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Return the factors to multiply by, and those to divide by: negative powers of moving bases with no other use."""
+    """Return the factors to multiply by, and those to divide by.
+
+    Divisors come from negative powers of moving bases that are used only here.
+    """
     under = [
         node
         for node in factors
@@ -293,18 +300,18 @@ def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list
 
 
 def _term_order(term: tuple[Exact, Node]) -> tuple[bool, bool, int]:
-    """Return the key that sorts the terms of a sum: parameters first, and positive before negative ones.
+    """Return the sort key of a term of a sum.
 
-    Negative terms then are subtractions.
+    Parameters come first, and positive terms before negative ones, which then are subtractions.
     """
     coefficient, node = term
     return (node.binding > Binding.PARAMETER, coefficient < 0, node.id)
 
 
 def _depth_first(outputs: Sequence[Node]) -> list[Node]:
-    """Return the reachable nodes, arguments first.
+    """Return all nodes that the outputs depend on, arguments first.
 
-    The work of each output is together, so that values have short lives.
+    Nodes of one output are adjacent, so that values have short lives.
     """
     seen: set[Node] = set()
     order: list[Node] = []

@@ -1,8 +1,8 @@
 """Straight-line programs: the operations of a computation as a list, in order.
 
-A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. It is a
-list of instructions in static single assignment form; the first `hoisted` of them need parameters alone and run once
-per set of parameters. It can be printed, checked, and interpreted by any machine.
+A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. Its
+instructions are in static single assignment form. The first `hoisted` instructions depend on parameters alone and run
+once for each set of parameters. A program can be printed, checked, and interpreted by any machine.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ ARITY: dict[str, int | None] = {
     "solve": None,
     "component": 1,
 }
-"""Every operation and its number of operands (None: any). `fma` is a*b + c rounded once; `select` is c ? a : b.
+"""Every operation and its number of operands (None: any).
 
-`factor` takes the lower triangle of a symmetric matrix by rows and gives its factors; `solve` takes factors and
-a right-hand side and gives a vector; `component` picks one entry of it. A matrix that cannot be factored marks
-the whole evaluation as singular.
+`fma` is a*b + c rounded once; `select` is c ? a : b. `factor` takes the lower triangle of a symmetric matrix by rows
+and gives its factors. `solve` takes factors and a right-hand side and gives a vector; `component` is one entry of this
+vector. If a matrix cannot be factored, the whole evaluation is marked as singular.
 """
 
 PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
@@ -62,8 +62,8 @@ GIVEN = ("time", "state", "parameter", "constant")
 class Instruction(NamedTuple):
     """One operation on earlier results.
 
-    `place` is the index of an input, a parameter or a component, `value` a constant, `order` the order of a matrix. Of
-    its pivots those in `negative` are below zero and all others above.
+    `place` is the index of an input, a parameter or a component; `value` is a constant; `order` is the size of a
+    matrix. `negative` are the indices of its negative pivots; all other pivots are positive.
     """
 
     op: str
@@ -93,11 +93,12 @@ class ProgramBlock(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """A checked straight-line program; `shape` is the shape of its result, `outputs` its entries in C order.
+    """A checked straight-line program.
 
-    `inputs` are the blocks of numbers that "state" instructions read, in order. `results` divide the outputs into
-    blocks. `returned` are the results that a call from a step returns in registers: the caller knows the others.
-    `solved` is true if a result divides by the mass matrix: if an inertia is zero, results are infinite or NaN.
+    `shape` is the shape of its result, `outputs` its entries in C order. `inputs` are the blocks of numbers that
+    "state" instructions read, in order. `results` divides the outputs into blocks. `returned` names the results that a
+    call from a step returns in registers; the caller knows the others already. `solved` is true if a result is divided
+    by the mass matrix: with a zero inertia, results are infinite or NaN.
     """
 
     name: str
@@ -129,7 +130,7 @@ class Program:
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:
-        """Return the outputs of one result."""
+        """Return the instructions that compute the entries of one named result."""
         place = 0
         for block in self.results:
             if block.name == name:
@@ -139,7 +140,7 @@ class Program:
 
     @cached_property
     def eliminations(self) -> Mapping[int, Elimination]:
-        """The elimination of each "factor" instruction by its index; entries that are identically zero are left out."""
+        """Elimination of each "factor" instruction, by its index. Entries that are identically zero are left out."""
         code, found = self.instructions, {}
         for ref, one in enumerate(code):
             if one.op == "factor":
@@ -151,9 +152,9 @@ class Program:
 
     @property
     def saved(self) -> tuple[int, ...]:
-        """The hoisted results that the rest of the program reads, in order, without constants and parameters.
+        """Hoisted results that the rest of the program reads, in order, without constants and parameters.
 
-        Entries of a matrix with a hoisted factor are included: a solve may have to factor it again with pivoting.
+        Matrix entries of a hoisted factor are included: a solve may have to factor the matrix again with pivoting.
         """
         read = {arg for instruction in self.instructions[self.hoisted :] for arg in instruction.args}
         read.update(self.outputs)
@@ -166,7 +167,7 @@ class Program:
 
 
 def verify(program: Program) -> None:
-    """Raise LagrangeError unless every operand is an earlier result and every operation is known and complete."""
+    """Raise LagrangeError unless operands are earlier results, operations are known, and their data are complete."""
     for problem in _problems(program):
         raise LagrangeError(f"program {program.name} is malformed: {problem}")
 
@@ -217,7 +218,7 @@ def uses_of(program: Program) -> list[int]:
 
 
 class SolveGroup(NamedTuple):
-    """Solves with one factorization that run together: all right-hand sides are known before the first solution.
+    """Solves with one factorization that run together. All right-hand sides are known before the first solution.
 
     `solves` are the instructions in order. No right-hand side depends on another solution of the group. A Jacobian has
     a group with one solve for each entry of the state.
@@ -239,7 +240,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     if len(factors) == len(dict.fromkeys(factors)):
         return list(refs)
     known: dict[int, int] = {}
-    """Number of solves in sequence that each instruction's operands depend on."""
+    """Number of successive solves that each instruction's operands depend on."""
     depth: dict[int, int] = {}
     alike: dict[tuple[int, int], list[int]] = {}
     for i in refs:
@@ -260,7 +261,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Return groups of about the same size, at most `most` each, without groups of one."""
+    """Return groups of about the same size, of at most `most` solves each, without groups of one."""
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

@@ -1,8 +1,8 @@
 """From graph to series program: every node becomes a value with a rule for its Taylor coefficients.
 
-Functions are integrated: s = sin(a) follows from s' = cos(a) a', and where a' is known as a combination of
-velocities the product cos(a) a' is a value like any other, which a Lagrangian in Cartesian positions contains
-anyway. Products of many factors are split so that their parts are shared.
+Functions are integrated: s = sin(a) follows from s' = cos(a) a'. If a' is a combination of velocities, the product
+cos(a) a' is a value like any other; a Lagrangian in Cartesian positions contains it already. Products of many factors
+are split so that their parts are shared.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LONGEST_SHARED = 12
-"""Longest product whose pairs of factors are counted, to share them with other products; a longer one is multiplied
-from the left."""
+"""Longest product whose pairs of factors are counted, to share them with other products. A longer one is multiplied
+from the left.
+"""
 
 
 class RecurrenceBuilder:
     """Builds the series values of graph nodes, each once, and numbers them.
 
-    `nodes` has the node of each value at order 0, if there is one. `rate` is dq/dt, by default v. `unknowns` are
-    symbols that a stage solves for beside velocities, each with its number among all unknowns. `integrals` are the
-    derivatives of other symbols, by symbol. With `apart` the rate of a sum such as a - b is multiplied term by term:
-    cos(a - b) a' may exist already.
+    `nodes` has the node of each value at order 0, if there is one. `rate` is dq/dt, by default v. `unknowns` maps the
+    symbols that a stage solves for, beside velocities, to their number among all unknowns. `integrals` maps other
+    symbols to their derivatives. With `apart` the rate of a sum such as a - b is multiplied term by term, because cos(a
+    - b) a' may exist already.
     """
 
     def __init__(
@@ -71,16 +72,16 @@ class RecurrenceBuilder:
         for node in [node for node in order if node in integrals]:
             self.integral(node, integrals)
         for node in order:
-            # A product that only sums use is taken apart by them, so that its constant factor joins theirs, and a
-            # reciprocal in a product is a division.
+            # A product that only sums use is split by them, so that its constant factor joins theirs. A reciprocal in a
+            # product is a division.
             if node.kind is not Kind.PRODUCT and not _is_divisor(node):
                 self.value(node)
 
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
         """Return the number of products that contain each pair of factors.
 
-        A product of only the two counts for as many, because its value exists already. So do cos(q) and sin(q) times
-        the velocity, which the series of sin(q) and cos(q) need.
+        A product of only these two factors counts as many times as there are products, because its value exists
+        already. The same holds for cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -112,7 +113,7 @@ class RecurrenceBuilder:
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
-        """Return a number for a node whose rule follows later, as for functions that depend on themselves."""
+        """Return a number for a node whose rule follows later, for functions that depend on themselves."""
         self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
@@ -120,7 +121,7 @@ class RecurrenceBuilder:
         return self.values[node]
 
     def constant(self, node: Node | Exact) -> int:
-        """Return the index of a constant in the table."""
+        """Return the index of a constant in the table of constants."""
         node = self.graph.node(node)
         return self.constants.setdefault(node, len(self.constants))
 
@@ -150,7 +151,7 @@ class RecurrenceBuilder:
         raise AssertionError(f"{node} has no series")
 
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
-        """Return the value of a linear combination; its constants enter at order 0 only."""
+        """Return the number of the value of a linear combination; its constants enter at order 0 only."""
         merged: dict[int, Node] = {}
         constant = self.graph.zero
         for coefficient, arg in terms:
@@ -167,7 +168,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
-        """Return the constant factor of a node, and the number of the value of the rest."""
+        """Return the constant factor of a node, and the number of the value of the other factors."""
         if node.kind is not Kind.PRODUCT or node in self.values:
             return self.graph.one, self.value(node)
         scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
@@ -183,9 +184,9 @@ class RecurrenceBuilder:
         return scale, value
 
     def product(self, factors: Sequence[Node]) -> int:
-        """Return the value of a product of moving nodes.
+        """Return the number of the value of a product of moving nodes.
 
-        It is multiplied pair by pair; pairs that other products need come first.
+        It is multiplied pair by pair, first the pairs that other products need.
         """
         rest = sorted(factors, key=lambda f: (f.binding, f.id))
         while len(rest) > 2:
@@ -200,18 +201,18 @@ class RecurrenceBuilder:
         return self.multiply(*map(self.value, rest))
 
     def multiply(self, a: int, b: int) -> int:
-        """Return the value of a product of two values."""
+        """Return the number of the value of a product of two values."""
         node = self.node_of(a) * self.node_of(b)
         if a == b:
             return self.add(SeriesRule("square", (a,)), node)
         return self.add(SeriesRule("mul", (min(a, b), max(a, b))), node)
 
     def node_of(self, value: int) -> Node:
-        """Return the node of a value at order 0."""
+        """Return the node that computes a value at order 0."""
         return known_node(self.nodes[value])
 
     def power(self, node: Node) -> int:
-        """Return the value of a power with a constant exponent."""
+        """Return the number of the value of a power with a constant exponent."""
         base, exponent = node.args[0], node.data
         a = self.value(base)
         if isinstance(exponent, int) and 2 <= exponent <= LARGEST_POWER:
@@ -225,7 +226,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
-        """Return da/dt as a node if it is a combination of velocities with constant coefficients, else None."""
+        """Return da/dt for a node a that is a combination of velocities with constant coefficients, else None."""
         if node not in self.rates:
             self.rates[node] = self._rate(node)
         return self.rates[node]
@@ -249,7 +250,7 @@ class RecurrenceBuilder:
         return self.graph.sum(terms)
 
     def integrate(self, value: int, a: Node, w: int, sign: int = 1) -> None:
-        """Give a reserved value the rule u' = sign w a'."""
+        """Set the rule u' = sign w a' of a reserved value u."""
         rate = self.rate(a)
         if rate is None:
             self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
@@ -263,7 +264,7 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Give a symbol the rule of an integral, and do so for the symbols in its rate."""
+        """Set the rule of a symbol, and of the symbols in its derivative, to the integral of the derivative."""
         waiting = [node]
         reserved: dict[Node, int] = {}
         while waiting:
@@ -286,12 +287,12 @@ class RecurrenceBuilder:
         return [(c, node) for c, node in terms if c]
 
     def initial(self, table: Sequence[Node], low: Mapping[int, Node]) -> list[Node | None]:
-        """Return every value at order 0, as symbols from the same table of constants as the higher orders.
+        """Return every value at order 0, with constants from the same table as the higher orders.
 
-        Rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its derivatives, at
-        every step to the same side, and the error of the energy would grow with time itself. `low` has by value the
-        rounding errors of the coordinates and velocities: it enters their differences, so that bodies may move together
-        far from the origin.
+        If they were rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its
+        derivatives. This error would have the same sign at every step, and the error of the energy would grow in
+        proportion to time. `low` maps values to the rounding errors of coordinates and velocities. These errors enter
+        differences of coordinates, so that bodies may move together far from the origin.
         """
         found: list[Node | None] = []
         replaced = Substitution()
@@ -328,7 +329,7 @@ def _is_divisor(node: Node) -> bool:
 
 
 def _moving(product: Node) -> list[Node]:
-    """Return the factors that are not constant; those that depend on the coordinates alone come first."""
+    """Return the factors that are not constant. Those that depend on coordinates alone come first."""
     return sorted((a for a in product.args if a.binding > Binding.PARAMETER), key=lambda f: (f.binding, f.id))
 
 
@@ -377,17 +378,16 @@ def _tangent(sign: int) -> FunctionRule:
 
 
 def _flatness(a: Node) -> Node:
-    """Return 1 - tanh(a)**2 without cancellation, by exponentials.
+    """Return 1 - tanh(a)**2 without cancellation, from exponentials.
 
-    For large |a| it is 4 exp(-2|a|), which the difference rounds to zero: the series would miss that the function ever
-    changes.
+    For large |a| it is 4 exp(-2|a|). The difference would be rounded to zero, and the series would be constant.
     """
     tail = a.graph.call("exp", -2 * a.graph.call("abs", a))
     return 4 * tail / (1 + tail) ** 2
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """Return the builder of a function with slope(a) u' = a', or of its negative as for acos."""
+    """Return the builder of a function u with slope(a) u' = sign a'; the sign is -1 for acos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -425,7 +425,7 @@ def _atan2(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
-    """Return sign times the integral of w da, up to a constant."""
+    """Return the number of a value: sign times the integral of w da, up to a constant."""
     if w.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
     return b.add(SeriesRule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
@@ -444,7 +444,7 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the branch of the first condition that holds; conditions are constant along a series."""
+    """Return the number of the value of the first branch whose condition holds; it is constant along a series."""
     value = b.value(node.args[-1])
     rest = node.args[-1]
     for condition, chosen in list(zip(node.args[:-1:2], node.args[1::2], strict=True))[::-1]:
@@ -475,4 +475,4 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     **dict.fromkeys(("abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not"), _refuse),
     **dict.fromkeys(("pi", "e", "nan"), _refuse),
 }
-"""Builder of the series of each function. Switches were replaced by sides before, and constants are never passed."""
+"""Builder of the series of each function. Functions that switch are replaced before, and constants are never passed."""

@@ -5,15 +5,16 @@ Write x[k] for the k-th normalised Taylor coefficient of x(t). From dp/dt = f an
     q[k] = v[k-1] / k                M0 v[k] = f[k-1] / k - p^[k]
 
 where p^[k] is the coefficient of p computed with v[k] = 0, and M0 the mass matrix at the start. Every value between
-q, v and p, f has a rule that gives its coefficient of order k from those of lower order and from its arguments'
-coefficients of order k; the rules are listed in `RULES`. Order 0 is an ordinary program, `start`.
+q, v and p, f has a rule. It gives the coefficient of order k from those of lower order and from the arguments'
+coefficients of order k; `RULES` lists the rules. Order 0 is an ordinary program, `start`.
 
-For every k from 1 to the order wanted a machine
+For every k from 1 to the highest order a machine
 
-  1. finds q[k], and the values of the list `before`, which need no unknown of order k;
-  2. and for each stage, of which the velocities are the first: finds the values of its list `trial` with unknowns of
-     zero, hence p^[k], and solves for them (a constant mass matrix needs no p^: the rate of what p has beside M v is
-     counted among the forces); then finds the values of its list `found`, hence f[k].
+  1. computes q[k], and the values of the list `before`, which do not depend on an unknown of order k;
+  2. for each stage, of which the velocities are the first: computes the values of its list of `trials` with unknowns of
+     zero, hence p^[k]; solves for the unknowns; then computes the values of its list `found`, hence f[k].
+
+A constant mass matrix needs no p^: the rate of change of the part of p beside M v is one of the forces.
 
 Source: A. Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117, for the recurrences; the step through the mass
 matrix of order 0 is that of implicit equations, J. D. Pryce, Numerical Algorithms 19 (1998) 195-211.
@@ -32,8 +33,9 @@ from lagrange.errors import LagrangeError
 from lagrange.program.program import Program
 
 LARGEST_POWER = 64
-"""Largest whole exponent of a power that becomes products, which are right at zero too; for larger ones the rule of
-powers is shorter."""
+"""Largest whole exponent of a power that becomes products, which are valid at zero, too. For larger ones the rule of
+powers is shorter.
+"""
 
 RULES: dict[str, tuple[int | None, int | None, str]] = {
     "coordinate": (0, 1, "q{0}[k] = v{0}[k-1] / k"),
@@ -54,18 +56,18 @@ RULES: dict[str, tuple[int | None, int | None, str]] = {
 }
 """Every rule: number of arguments, number of coefficients (None: any; as many as arguments), and u[k] in words.
 
-`along` is du = c w da, and `against` is w du = da; the second argument of `along` and that of `integral` are read at
-orders below k only, so that they may stand later in the list.
+`along` is du = c w da, and `against` is w du = da. The second argument of `along` and that of `integral` are read at
+orders below k only, so that these values may come later in the list.
 """
 
 LAGGED = {"integral": 0, "along": 1}
-"""For each rule the index of its argument that is read at order 0 and at orders below k only."""
+"""For each rule, the index of the argument that is not read at order k, only at lower orders and at order 0."""
 
 
 class SeriesRule(NamedTuple):
     """Recurrence of one value's Taylor coefficients: operation, arguments, and indices in the table of constants.
 
-    For "unknown", `coefficients` has the index of the unknown.
+    If the operation is "unknown", `coefficients` has the number of the unknown instead.
     """
 
     op: str
@@ -77,8 +79,9 @@ class SeriesRule(NamedTuple):
 class Stage:
     """The linear system A x[k] = right[k-1] / k - left[k] of each order k, with left[k] computed for x[k] = 0.
 
-    `unknowns` are values; for each there is one of `left` and of `right`, None for zero: of velocities the momenta, up
-    to a constant, and the forces. `plan` describes the matrix A of order 0, and how it is solved.
+    `unknowns` are numbers of values. Each has one value of `left` and one of `right`, or None for zero. For velocities,
+    `left` are the momenta up to a constant, and `right` the forces. `plan` describes the structure and the solution of
+    A, the matrix of order 0.
     """
 
     unknowns: tuple[int, ...]
@@ -91,13 +94,15 @@ class Stage:
 class SeriesProgram:
     """The series of a motion of n coordinates.
 
-    `constants` gives the table of coefficients; `numbers` has the value of each that is known now, else None. `start`
-    gives the values `started` at order 0. After them come the lower triangles of the matrices, stage by stage; those of
-    constant matrices are in `constants` instead. Both programs take the parameters, then the `sides` of the switching
-    surfaces (see `lagrange.program.switching`), which are the signs of the results of `surfaces`. `start` takes the
-    table as well; its state is [q, v] and the rounding errors of q and v. `rates` are the values of dq/dt, `watched`
-    those of the surfaces and events. `values` computes the watched ones from a state, the parameters and the sides.
-    `projection` gives the corrections of a state onto the constraints, from the parameters alone.
+    `constants` computes the table of coefficients; `numbers` has each coefficient that is known now, else None. `start`
+    computes the values `started` at order 0. After them come the lower triangles of the matrices, stage by stage; those
+    of constant matrices are in `constants` instead. Both programs take the parameters, then the `sides` of the
+    switching surfaces (`lagrange.program.switching`), the signs of the results of `surfaces`. `start` also takes the
+    table; its state is [q, v] and the rounding errors of q and v.
+
+    `rates` are the values of dq/dt; `watched` are the values of the surfaces and events. `values` computes the watched
+    values from a state, the parameters and the sides. `projection` computes the corrections of a state onto the
+    constraints.
     """
 
     name: str
@@ -121,7 +126,7 @@ class SeriesProgram:
 
     @property
     def states(self) -> int:
-        """The length of a state: coordinates and velocities."""
+        """Length of a state: coordinates and velocities."""
         return len(self.rates) + self.dimension
 
     @cached_property
@@ -134,33 +139,33 @@ class SeriesProgram:
         return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
-        """Return the arguments of a value that are read at order k itself."""
+        """Return the arguments of value `i` that its rule reads at order k itself."""
         op, args, _ = self.rules[i]
         return tuple(arg for place, arg in enumerate(args) if LAGGED.get(op) != place)
 
     @cached_property
     def before(self) -> tuple[int, ...]:
-        """Values to compute before any stage, in order."""
+        """Values to compute at each order before any stage is solved, in order."""
         return tuple(i for i in self._needed(self._outputs(left=True)) if not self.depth[i])
 
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, the values that its right-hand side subtracts: computed with unknowns of zero, in order."""
+        """For each stage, the values that its right-hand side needs, computed with unknowns of zero, in order."""
         wanted = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), place) for place, values in enumerate(wanted, 1))
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
-        """Values to compute after each stage, in order: those that this order or a later one reads."""
+        """For each stage, the values to compute after its solution, in order, that this order or a later one reads."""
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return those of the given values that are known after a stage, without its unknowns."""
+        """Return those of `values` that are known after stage `place`, without the unknowns of that stage."""
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the values that anything but a rule at the same order reads; with `left` also those of momenta."""
+        """Return the values that are read other than by a rule at the same order. With `left`, momenta are included."""
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = self.kept | self.ranked | self.lagged
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
@@ -190,7 +195,10 @@ class SeriesProgram:
 
     @cached_property
     def watched_degree(self) -> int:
-        """The highest power of the state in a watched value: a series of lower order may not contain that term."""
+        """Highest power of the state in a watched value.
+
+        A series of lower order may not contain the term of this power.
+        """
         found: list[int] = []
         for op, args, _ in self.rules:
             powers = [found[arg] if arg < len(found) else 0 for arg in args]
@@ -204,12 +212,12 @@ class SeriesProgram:
 
     @cached_property
     def hides_growth(self) -> bool:
-        """True if there are functions, such as exp, whose series may begin far below all others and outgrow them."""
+        """True if there are functions, such as exp, whose series may start far below others and later exceed them."""
         return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
     @cached_property
     def may_cross(self) -> bool:
-        """True if rows that grow from below rounding may be rounding noise, as where constrained motions cross."""
+        """True if rows that grow from below rounding may be noise, as where branches of constrained motion cross."""
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
@@ -237,7 +245,7 @@ class SeriesProgram:
 
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
-    """Return the number of half sums over lower orders, a measure of the cost of an order; a square is one half sum."""
+    """Return the number of half sums over lower orders, a measure of the cost of one order. A square has one."""
     weight = {"mul": 2, "div": 2, "inverse": 2, "power": 4, "along": 2, "against": 2, "square": 1, "sqrt": 1}
     return sum(weight.get(rule.op, 0) for rule in rules)
 
@@ -263,7 +271,7 @@ def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, 
 
 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the values that rules of integration read at the previous order."""
+    """Return the values that rules of integrals read at the previous order only."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")
 
 

@@ -1,7 +1,7 @@
 """Rewrite a program with fewer operations, for machines on which each operation is a call. Only rounding differs.
 
-Signs are moved to operations that take them without cost. A multiply-add becomes two operations, so that products can
-be shared. A sum that has F*(u - v) and F*v, as derivatives of an angle between two links give, gets F*u in their place.
+Signs are moved to operations that absorb them without cost. A multiply-add becomes two operations, so that products can
+be shared. Derivatives of an angle between two links give sums with F*(u - v) and F*v; these become F*u.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 from lagrange.program.program import GIVEN, Instruction, Program
 
 LONGEST_PROGRAM = 4000
-"""Largest number of instructions of a program that is simplified, which takes 10 us for each."""
+"""Largest number of instructions of a program that is simplified: 10 us each."""
 
 MOST_COMPARED_TERMS = 40
-"""Largest number of terms of a sum, or factors of a product, that is searched: each term is compared with all
-others."""
+"""Largest number of terms of a sum, or factors of a product, that is searched, because each term is compared with all
+others.
+"""
 
 ODD, EVEN = ("mul", "div"), ("abs", "cos")
 """Operations whose result changes its sign with an operand, and operations that ignore the sign of their operand."""
@@ -40,7 +41,7 @@ Term = tuple[bool, tuple[int, ...]]
 def simplified(program: Program) -> Program:
     """Return the program with fewer operations.
 
-    It is unchanged if none can be saved, or if it has more than `LONGEST_PROGRAM` instructions.
+    It is unchanged if none can be saved or if it has more than `LONGEST_PROGRAM` instructions.
     """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
@@ -55,14 +56,14 @@ def operations(program: Program) -> int:
 
 
 class _Simplifier:
-    """Writes a program again, each value with its sign apart, and each operation once."""
+    """Writes a program again. Each value has its sign stored separately, and each operation occurs once."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
         self.code: list[Instruction] = []
         self.hoisted: list[bool] = []
         self.reads: list[int] = []
-        """The number of reads of each new instruction so far."""
+        """Number of reads of each new instruction so far."""
         self.factors: list[tuple[int, ...]] = []
         """The factors of each new instruction, sorted; the instruction itself unless it is a product."""
         self.numbers: dict[Instruction, int] = {}
@@ -115,7 +116,7 @@ class _Simplifier:
         return self.numbers[one]
 
     def again(self, one: Instruction) -> Signed:
-        """Return the value of an old instruction in the new program."""
+        """Return the value in the new program of an old instruction."""
         if one.op == "constant" and one.value < 0.0:
             return Signed(self.emit("constant", value=-one.value), negative=True)
         if one.op == "neg":
@@ -148,7 +149,7 @@ class _Simplifier:
         return found
 
     def added(self, a: Signed, b: Signed) -> Signed:
-        """Return the sum of two values."""
+        """Return the signed sum of two values, by one addition or subtraction."""
         if a.negative == b.negative:
             return Signed(self.emit("add", a.ref, b.ref), a.negative)
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
@@ -165,7 +166,10 @@ class _Simplifier:
         return self.emit("neg", value.ref) if free is None else free
 
     def turned(self, ref: int, readers: int) -> int | None:
-        """Return the negative of a value if that costs no operation, else None. At most `readers` others read it."""
+        """Return the negative of a value if that costs no operation.
+
+        Return None if it does, or if more than `readers` instructions read it.
+        """
         one = self.code[ref]
         if one.op == "constant":
             return self.emit("constant", value=-one.value)
@@ -194,7 +198,7 @@ class _Simplifier:
         return [Signed(one.args[0]), Signed(one.args[1], one.op == "sub")]
 
     def terms(self, value: Signed) -> list[Term]:
-        """Return the terms of a value: those of a sum that nothing else reads."""
+        """Return the terms of a value. A sum that nothing else reads has several; any other value is one term."""
         found = self.sums.get(value.ref, [(False, self.factors[value.ref])])
         return [(negative != value.negative, factors) for negative, factors in found]
 
@@ -216,7 +220,7 @@ class _Simplifier:
         return terms
 
     def total(self, terms: Sequence[Term]) -> Signed:
-        """Emit a sum of products, and return its number."""
+        """Emit a sum of products and return its signed value."""
         found = None
         for negative, factors in terms:
             value = Signed(self.product(factors), negative)
@@ -228,7 +232,7 @@ class _Simplifier:
     def product(self, factors: Sequence[int]) -> int:
         """Emit a product.
 
-        Factors of parameters alone come first, and inputs, in which products differ most, last.
+        Factors of parameters alone come first. Inputs come last, because products differ most in them.
         """
         order = sorted(factors, key=lambda ref: (not self.hoisted[ref], self.code[ref].op == "state", ref))
         made = order[0]

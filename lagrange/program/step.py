@@ -31,9 +31,9 @@ from lagrange.program.program import Program
 class Control:
     """Step size control: h is multiplied by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
 
-    `exponent` is the power of h with which the error norm shrinks. With `damped`, the step has two error vectors,
-    and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares. A step that could grow by less
-    than `hold` stays as it is, so that a matrix made for it serves again.
+    `exponent` is the power of h with which the error norm decreases. With `damped`, the step has two error vectors, and
+    the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares. If the new step would be longer by a
+    factor below `hold`, h is unchanged, so that the matrix of the step can be reused.
     """
 
     exponent: int
@@ -47,11 +47,11 @@ class Control:
 
 @dataclass(frozen=True, eq=False)
 class StepProgram:
-    """A step as a program in t and h: `actions` in order, then the new state(s) and the error vectors.
+    """A step as a program in t and h: `actions` in order, then the new state vectors and the error vectors.
 
-    With a `starter`, a step starts from the state one step back as well, whose numbers follow those of the state; the
-    starter, a program without that, takes the first step and any of another length. `ratio` is h over the length of
-    the last step.
+    With a `starter`, a step also reads the state one step before, whose vectors are numbered after those of the state.
+    The starter is a step program without this; it makes the first step and any step of another length. `ratio` is h
+    over the length of the previous step.
     """
 
     name: str
@@ -75,7 +75,7 @@ class StepProgram:
 
     @property
     def states(self) -> int:
-        """The number of state vectors."""
+        """Number of state vectors."""
         return LAWS[self.law].states
 
     @cached_property
@@ -95,7 +95,7 @@ class StepProgram:
 
     @cached_property
     def numbers(self) -> tuple[Node, ...]:
-        """All coefficients of the step, made of t, h and the ratio of steps, each once."""
+        """Coefficients of the step that depend on t, h and the ratio of steps, each once."""
         combinations: list[Combination] = [*self.results, *self.errors]
         calls: list[LawCall] = []
         for action in self.actions:
@@ -111,18 +111,20 @@ class StepProgram:
         return tuple(dict.fromkeys([*found, *(factor for one in combinations for _, factor in one)]))
 
     def scalars(self, nodes: Sequence[Node]) -> Program:
-        """Return numbers of the step as a program that computes them, of a state of h and the ratio of steps."""
+        """Return a program that computes coefficients of the step from t and the state [h, ratio of steps]."""
         return lower("scalars", {"scalars": nodes}, {"h": [self.h], "ratio": [self.ratio]}, self.time, [])
 
     @property
     def exact(self) -> bool:
-        """True for equal implicit steps, whose invariants must drift by random rounding only (Brouwer's law).
+        """True for implicit steps of equal size, whose invariants must drift by random rounding only (Brouwer's law).
 
-        A rounded coefficient of a step, or a truncated part of an unknown, errs to the same side at every step. So
-        coefficients of h have twice the digits, states are compensated sums, and unknowns are found to the last digit.
-        Of a pendulum's energy gauss3 loses 7e-21 and galerkin6 6e-20 per step (1e7 steps of 0.02 from 16 starts; 4e-20
-        and 1.3e-18 without these measures). Stages are still rounded to doubles. Source: E. Hairer, R. I. McLachlan, A.
-        Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods, BIT 48, 2008.
+        A rounded coefficient, or a truncated part of an unknown, has an error of the same sign at every step. So
+        coefficients of h are pairs of doubles, states are compensated sums, and unknowns are solved to the last digit.
+        The energy of a pendulum drifts by 7e-21 per step with gauss3 and 6e-20 with galerkin6 (1e7 steps of 0.02 from
+        16 starts). Without these measures the drifts are 4e-20 and 1.3e-18. Stages are still rounded to doubles.
+
+        Source: E. Hairer, R. I. McLachlan, A. Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods,
+        BIT 48, 2008.
         """
         return bool(self.solves) and self.control is None
 
@@ -158,7 +160,7 @@ class StepProgram:
 
 
 def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
-    """Yield an action as text."""
+    """Yield the lines that print an action."""
     if isinstance(action, LawCall):
         made = ", ".join(names[action.first : action.first + results])
         yield f"{made} = f({action.time!r}, {', '.join(_shown(one, names) for one in action.arguments)})"
@@ -180,12 +182,12 @@ def trace(
     control: Control | None = None,
     starter: StepProgram | None = None,
 ) -> StepProgram:
-    """Run a step function on vectors and return what it did.
+    """Run a step function on symbolic vectors and return its operations as a step program.
 
-    The function returns the new state, or (new state, error, ...) where a `control` is given; one of a law with two
-    state vectors, "accelerations", "momentum" or "constrained", returns (q, v) and errors of both. An `implicit` one
-    gets `solve` as its last argument. One with a `starter` gets the state one step back after the state. Raises
-    StatementError if it does anything other than combining vectors.
+    The function returns the new state, or (new state, error, ...) with a `control`. With a law of two state vectors
+    ("accelerations", "momentum", "constrained") it returns (q, v) and errors of both. An `implicit` function gets
+    `solve` as its last argument. One with a `starter` gets the state one step before after the state. Raises
+    StatementError if the function does anything other than combine vectors.
     """
     graph = Graph()
     states = LAWS[law].states
@@ -247,7 +249,7 @@ def _shown(combination: Combination, names: Sequence[str]) -> str:
 
 
 class TracedVector:
-    """A linear combination of a step's vectors, to trace with in place of an array."""
+    """A linear combination of a step's vectors, passed to the step function in place of an array."""
 
     __slots__ = ("terms",)
     __array_ufunc__ = None
@@ -293,7 +295,7 @@ class TracedVector:
 
 
 class Recorder:
-    """Records a step function's calls of the law and its solves: it takes the place of both arguments."""
+    """Records the law's calls and the solves of a step function. It is passed as both of these arguments."""
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph
@@ -310,7 +312,7 @@ class Recorder:
         return TracedVector({self.vectors - 1: self.graph.one})
 
     def call(self, at: Any, *arguments: Any) -> Any:
-        """Record an evaluation of the law and return its results as vectors: the function f, a or g of a step."""
+        """Record an evaluation of the law and return its results as vectors. It is the function f, a or g of a step."""
         wanted = self.law.arguments
         if len(arguments) != wanted:
             raise StatementError(
@@ -338,14 +340,14 @@ class Recorder:
         return results if len(results) > 1 else results[0]
 
     def solve(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
-        """Record unknowns; see `Solver`."""
+        """Record unknown vectors and return them; the arguments are those of `Solver`."""
         if not self.law.derivative or self.inside is not None:
             raise StatementError(
                 f"step function {self.name} cannot solve here: solve is for the laws 'rhs', 'momentum' and "
                 "'constrained', and is not used inside a residual."
             )
         preparation, guesses, several = self._within(guess if callable(guess) else lambda: guess)
-        # The guess is its own scope: a call in it is not one of the residual.
+        # The guess has its own scope: a call in it is not one of the residual.
         for call in preparation:
             for i in range(call.first, call.first + self.law.results):
                 del self.inner[i]
@@ -363,7 +365,7 @@ class Recorder:
         return tuple(unknowns) if several else unknowns[0]
 
     def damp(self, factor: Any, vector: TracedVector) -> TracedVector:
-        """Record a damped vector; see `Solver`."""
+        """Record and return the vector (I - factor J)^-1 vector of `Solver.damp`."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
                 f"step function {self.name} damps before it solves: damp is for steps of the law 'rhs'."
@@ -374,7 +376,7 @@ class Recorder:
         return made
 
     def _within(self, function: Callable[[], Any]) -> tuple[tuple[LawCall, ...], tuple[Combination, ...], bool]:
-        """Return the calls that a function makes, the combinations that it returns, and whether they are a tuple."""
+        """Return the calls that a function makes, the combinations that it returns, and True if it returns a tuple."""
         self.inside = []
         try:
             returned = function()
@@ -398,14 +400,14 @@ class Solver:
         self._recorder = recorder
 
     def __call__(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
-        """Return the unknowns at which `residual(*unknowns)` vanishes: one vector, or a tuple where the guess is one.
+        """Return the unknowns at which `residual(*unknowns)` is zero: one vector, or a tuple if the guess is a tuple.
 
-        A guess may be a function without arguments, which is called only where nothing is known to extrapolate from.
-        `predict(ratio, *unknowns)` continues the unknowns of the step before over a step `ratio` times as long;
-        without it those of equal steps are extrapolated.
+        A guess may be a function without arguments, which is called only if there are no previous steps to extrapolate
+        from. `predict(ratio, *unknowns)` extrapolates the unknowns of the previous step over a step `ratio` times as
+        long. Without it the unknowns of steps of equal size are extrapolated.
         """
         return self._recorder.solve(residual, guess, predict)
 
     def damp(self, factor: Any, vector: Any) -> Any:
-        """Return (I - factor J)^-1 vector, J being the Jacobian of f that the last solve has used."""
+        """Return (I - factor J)^-1 vector, where J is the Jacobian of f that the last solve used."""
         return self._recorder.damp(factor, vector)

@@ -21,7 +21,7 @@ from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import rebuild
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))
-"""Functions that switch. `and`, `or`, `not` and `piecewise` are not among them: they only combine conditions."""
+"""Functions that switch. `and`, `or`, `not` and `piecewise` are not included: they only combine conditions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class Switched:
     """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
 
     `stated` has the surfaces as functions of the state alone, with the switches inside them. `expressions` has them as
-    in the statement, whatever branch they are in. `starts` has the value at order 0 of each output, or part of one,
-    that jumps on a surface: this value depends on the side.
+    in the statement, without the conditions of their branches. `starts` maps each output, or part of one, that jumps on
+    a surface to its value at order 0, which depends on the side.
     """
 
     outputs: tuple[Node, ...]
@@ -42,10 +42,10 @@ class Switched:
 
 
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
-    """Replace every switch that moves by its side; switches of parameters alone stay.
+    """Replace every switch that moves by its side; switches of parameters alone remain.
 
-    The smooth `events` follow the outputs. Steps end at jumps of an atan2 in events too: its series is smooth through
-    the jump, and would hide zeros behind it.
+    The smooth `events` follow the outputs. Steps also end at jumps of an atan2 in an event. Its series is smooth
+    through the jump, and would not show zeros after it.
     """
     outputs = (*outputs, *events)
     switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs))
@@ -77,7 +77,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Enter in the table the smooth form of some nodes, and of all nodes that they depend on."""
+        """Add the smooth forms of nodes, and of all nodes that they depend on, to the table."""
         for node in reachable(outputs, held=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
@@ -88,20 +88,20 @@ class _Switches:
                     self.cut(table[node], node)
 
     def cut(self, angle: Node, stated: Node) -> None:
-        """Watch y of atan2(y, x), and set the angle's value on y = 0 to its limit from the present side."""
+        """Make y of atan2(y, x) a switching surface. At y = 0 the angle's value is its limit from the present side."""
         y, x = angle.args
         side = self.side(y, stated.args[0], self.read(stated))
         self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
 
     def condition(self, surface: int) -> Node:
-        """Return the condition under which a surface is watched: always, if it always has a value."""
+        """Return the condition under which a surface is watched: "true" if the surface always has a value."""
         limited = self.domains.limited(self.expressions[surface])
         return self.conditions[surface] if limited else self.graph.one
 
     def side(self, g: Node, stated: Node, when: Node) -> Node:
-        """Return the side of g > 0: a symbol, its negative if -g is known, or the sign of a constant.
+        """Return the side of g: a symbol, its negative if the surface -g exists, or the sign of a constant.
 
-        `stated` is g with the switches that are in it, and `when` the condition under which it is read.
+        `stated` is g with the switches inside it, and `when` the condition under which g is evaluated.
         """
         if g.binding <= Binding.PARAMETER:
             return self.graph.call("sign", g)
@@ -119,7 +119,7 @@ class _Switches:
         return side
 
     def replace(self, node: Node, args: Sequence[Node]) -> Node:
-        """Return a switch in terms of sides; `args` are its arguments, smooth."""
+        """Return a switch expressed by sides. `args` are its arguments in smooth form."""
         graph, name, when = self.graph, node.data, self.read(node)
         if name in ("abs", "sign"):
             side = self.side(args[0], node.args[0], when)
@@ -134,7 +134,7 @@ class _Switches:
 def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
     """Return the nodes that must not jump within a step: those of the outputs and of every switch.
 
-    The angle in sin(3*atan2(y, x)) may jump by 2 pi, if it is used nowhere else.
+    The angle in sin(3*atan2(y, x)) may jump by 2 pi if it is used nowhere else.
     """
     found: dict[Node, None] = {}
     waiting = [*outputs]
@@ -153,7 +153,10 @@ def _is_periodic(node: Node) -> bool:
 
 
 def _without_turns(a: Node) -> list[Node]:
-    """Return the terms of a sum, with nested ones. An angle times a whole number is replaced by its arguments."""
+    """Return the terms of a sum, including nested sums.
+
+    A whole multiple of an angle atan2(y, x) is replaced by y and x, because jumps by 2 pi do not matter there.
+    """
     found: list[Node] = []
     terms: list[tuple[Exact, Node]] = [(1, a)]
     while terms:

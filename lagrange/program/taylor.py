@@ -28,9 +28,9 @@ from lagrange.program.switching import Switched, switch
 
 
 def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[SeriesProgram, Switched]:
-    """Return the series of a system and of its switching surfaces.
+    """Return the series of a system, and its switching surfaces.
 
-    Watched values are the surfaces, followed by the given nodes (of events).
+    The watched values are the surfaces, followed by the nodes `watched` (of events).
     """
     solved = solved_within(watched)
     plain, chosen = replace(equations, turning=None), in_rates(equations)
@@ -44,7 +44,7 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
 
 def in_rates(e: Equations) -> Equations:
-    """Return the equations with the motion in rates of bodies, or unchanged without such rates."""
+    """Return the equations with rates of bodies as velocities, or unchanged for a system without such rates."""
     if e.turning is None:
         return e
     mass = mass_matrix(e.turning.momenta, e.turning.velocities)
@@ -53,9 +53,9 @@ def in_rates(e: Equations) -> Equations:
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
-    """Return the nodes of a series, smooth between switching surfaces; `_Parts` names its outputs.
+    """Return the nodes of a series, smooth between switching surfaces; the fields of `_Parts` name its outputs.
 
-    In the watched nodes, accelerations and multipliers from a linear system are replaced by symbols.
+    In the watched nodes, symbols replace accelerations and multipliers that come from a linear system.
     """
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
@@ -63,7 +63,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
     unknown = zip(e.solution, motion_symbols(e), strict=True) if right else ()
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
-    # A constraint on positions may jump where its rate of change does not: its surfaces are those of the motion, too.
+    # A constraint on positions may jump although its rate of change does not. Its surfaces belong to the motion, too.
     places = [phi for phi in held.positions if phi is not None]
     outputs = (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *places)
     return switch(e.graph, outputs, seen)
@@ -82,8 +82,8 @@ def motion_symbols(e: Equations) -> list[Node]:
 class _Parts(NamedTuple):
     """The outputs of `switched_equations`: momenta, forces, constraints on velocities, G, the system matrix, and more.
 
-    `right` is the right-hand side of the equations of motion if the watched nodes contain their solution, else empty.
-    `watched` are the switching surfaces, then the watched nodes.
+    `right` is the right-hand side of the equations of motion if the watched nodes contain accelerations or multipliers,
+    else empty. `watched` are the switching surfaces, then the watched nodes.
     """
 
     momenta: Sequence[Node]
@@ -106,7 +106,10 @@ class _Parts(NamedTuple):
 
 
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
-    """Return the forms of the equations to be compared by cost. `solved` is true if their solution is watched."""
+    """Return the forms of the equations, for a comparison of their costs.
+
+    `solved` is true if accelerations or multipliers are watched.
+    """
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
     n = len(p)
@@ -114,8 +117,8 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
     q, rate = list(places), list(places.values())
     steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
     if steady:
-        # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
-        # form may count on p.
+        # Only the part M v of p is solved for. The rest, from a potential that depends on velocities, is a force; no
+        # form may assume p.
         f, p = bias_forces(f, p, q, rate, e.time), [e.graph.zero] * len(p)
     return [
         _Assembly(e, form, parts, switched, steady=steady, apart=apart)
@@ -193,9 +196,10 @@ class _Assembly:
         return [[self.entries.get((i, j), zero) for j in range(size)] for i in range(size)]
 
     def balance(self, right: Sequence[Node]) -> list[Node]:
-        """Return M a - h - G^T lambda and G a + gamma, in symbols for a and -lambda; nothing without right-hand sides.
+        """Return M a - h - G^T lambda and G a + gamma, with symbols for a and -lambda.
 
-        Both vanish along the motion. Their coefficients at unknowns of zero give those of a and lambda.
+        Both are zero along the motion. Their coefficients at zero unknowns give those of a and lambda. The list is
+        empty without right-hand sides.
         """
         graph = self.equations.graph
         return [
@@ -204,9 +208,9 @@ class _Assembly:
         ]
 
     def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
-        """Add the constraints to the solve.
+        """Add the constraints to the linear system.
 
-        The unknown of each is the integral of -lambda: G^T times its differential is part of the momenta, and psi = 0.
+        The unknown of each is the integral of -lambda. G^T times its differential is part of the momenta, and psi = 0.
         """
         b, n, m = self.builder, len(self.equations.q), len(velocities)
         self.impulses = [b.add(SeriesRule("unknown", (), (n + j,)), None) for j in range(m)]
@@ -222,13 +226,13 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the value of minus twice the velocity of a quaternion entry, with the pull times time."""
+        """Return the number of the value rate - 2 pull t. It determines the velocity of a quaternion entry."""
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
 
     def inertia(self, i: int) -> list[tuple[int, Node]]:
-        """Return a momentum as values times constants. For a constant mass matrix it is M v itself."""
+        """Return a momentum as a list of (value, constant factor). For a constant mass matrix it is M v itself."""
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
             return [(known, b.graph.one)]
@@ -236,7 +240,7 @@ class _Assembly:
         return [(self.unknowns[j], entry) for j, entry in entries.items()] if self.steady else []
 
     def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
-        """Return the integral of an entry of G along that of its multiplier, as a constant times a value."""
+        """Return the integral of an entry of G along the integral of its multiplier, as (constant factor, value)."""
         b = self.builder
         if entry.binding <= Binding.PARAMETER:
             return entry, multiplier
@@ -244,7 +248,10 @@ class _Assembly:
         return scale, b.add(SeriesRule("along", (multiplier, value), (b.constant(1),)), None)
 
     def momentum(self, node: Node) -> int | None:
-        """Return the value of a momentum, up to a constant; those inside it come first."""
+        """Return the number of the value of a momentum, up to a constant, or None for zero.
+
+        Momenta inside it are added first.
+        """
         todo = [node]
         while todo:
             inner = [other for _, _, other in self.sums[todo[-1]].inner if other not in self.known]
@@ -256,7 +263,7 @@ class _Assembly:
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
-        """Return the value of a momentum from the values of its parts."""
+        """Return the number of the value of a momentum computed from its parts, or None for zero."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
 
@@ -280,7 +287,7 @@ class _Assembly:
         return b.add(SeriesRule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: LinearTerms) -> int | None:
-        """Return the value of a force."""
+        """Return the number of the value of a force, or None for zero."""
         graph = self.equations.graph
         if not terms:
             return None
@@ -337,7 +344,7 @@ class _Assembly:
     def stages(self) -> tuple[Stage, ...]:
         """Return the stage of the velocities, then that of accelerations and multipliers if these are watched.
 
-        In rates of bodies, the second one has the derivatives of quaternions.
+        In rates of bodies, the second stage contains the derivatives of quaternions.
         """
         b = self.builder
         first = Stage((*self.unknowns, *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)
