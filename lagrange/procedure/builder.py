@@ -96,7 +96,7 @@ class OpenBranches:
 
 
 class Builder:
-    """A procedure under construction. Python numbers are accepted wherever a value is."""
+    """A procedure under construction. Its methods accept Python numbers in place of values."""
 
     def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
         self.name, self.about, self._apart = name, about, apart
@@ -111,23 +111,23 @@ class Builder:
     # --- parameters
 
     def given(self, name: str, kind: Kind | Array) -> Any:
-        """Return a number that is a parameter."""
+        """Add a parameter that is a number, and return its value."""
         ref = self._parameter(name, kind)
         return Memory(self, ref, kind) if isinstance(kind, Array) else VALUES[kind](self, ref)
 
     def array(
         self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
     ) -> Memory:
-        """Return an array that is a parameter; see `Array`."""
+        """Add a parameter that is an array, and return it. `form.Array` defines the options."""
         found: Memory = self.given(name, Array(kind, size, read, room))
         return found
 
     def record(self, name: str, record: Record) -> Any:
-        """Return a record that is a parameter."""
+        """Add a parameter that is a record, and return it."""
         return RecordFields(self, self._parameter(name, record), record)
 
     def function(self, name: str, callee: Callee) -> GivenFunction:
-        """Return a function that is a parameter."""
+        """Add a parameter that is a function, and return it."""
         return GivenFunction(self, self._parameter(name, callee), callee)
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
@@ -140,7 +140,10 @@ class Builder:
     # --- values
 
     def operation(self, op: str, *args: Any) -> Any:
-        """Return an operation on values and Python numbers, which take the kind of the values; entrywise on vectors."""
+        """Return the result of an operation; on vectors it works entry by entry.
+
+        Python numbers take the kind of the values.
+        """
         if any(isinstance(arg, Entries) for arg in args):
             return self.entrywise(op, *args)
         kinds = [arg.kind for arg in args if isinstance(arg, Value)]
@@ -154,19 +157,22 @@ class Builder:
         return self.made(result, lambda ref: Let(ref, result, op, refs))
 
     def sine_cosine(self, angle: Any) -> tuple[Any, Any]:
-        """Return the sine and the cosine of an angle, or of each of a vector."""
+        """Return the sine and the cosine of an angle, or of each entry of a vector."""
         sine, cosine = self.unused(), self.unused()
         self.add(SineCosine(sine, cosine, angle.ref))
         return self.value_of(sine, _kind_of(angle)), self.value_of(cosine, _kind_of(angle))
 
     def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
-        """Return a vector with the same value in every entry; a Python number is of the given kind."""
+        """Return a vector with the same value in every entry. A Python number gets the given kind."""
         first = value if isinstance(value, Value) else self.constant(value, kind)
         found: Entries = self.permuted([first], (0,) * width)
         return found
 
     def permuted(self, parts: Sequence[Any], places: Sequence[int]) -> Any:
-        """Return the entries at `places` of vectors and single values, numbered consecutively; one gives one value."""
+        """Return the entries at `places` of vectors and single values, which are numbered consecutively.
+
+        One place gives a single value instead of a vector.
+        """
         kind = parts[0].kind
         if len(places) > 1:
             vector, refs = Vector(kind, len(places)), tuple(one.ref for one in parts)
@@ -176,7 +182,7 @@ class Builder:
         return self.made(kind, lambda ref: Reduce(ref, kind, "entry", one.ref, k)) if isinstance(one, Entries) else one
 
     def entrywise(self, op: str, *args: Any) -> Entries:
-        """Return an operation on vectors; numbers and flags among the operands are broadcast."""
+        """Return the result of an operation on vectors. Numbers and flags among the operands are broadcast."""
         vectors = [arg.vector for arg in args if isinstance(arg, Entries)]
         kind = next((one.kind for one in vectors if one.kind is not FLAG), REAL)
         width = vectors[0].width
@@ -189,7 +195,7 @@ class Builder:
         return made
 
     def constant(self, value: Any, kind: Kind) -> Any:
-        """Return a Python number as a value."""
+        """Return a Python number as a constant of the given kind."""
         if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
             raise LagrangeError(f"procedure {self.name}: {value!r} is not a {kind}.")
         data: float | int | bool = float(value) if kind is REAL else value if kind is FLAG else int(value)
@@ -202,12 +208,12 @@ class Builder:
 
     @property
     def true(self) -> Flag:
-        """The flag that is true."""
+        """The constant flag "true"."""
         return Flag.of(self.constant(value=True, kind=FLAG))
 
     @property
     def false(self) -> Flag:
-        """The flag that is false."""
+        """The constant flag "false"."""
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind | Vector) -> int:
@@ -220,17 +226,17 @@ class Builder:
         return ref
 
     def made(self, kind: Kind | Vector, make: Callable[[int], Statement]) -> Any:
-        """Return the value of a new statement."""
+        """Add the statement that `make` returns for a new number, and return its value."""
         ref = self.unused()
         self.add(make(ref))
         return self.value_of(ref, kind)
 
     def value_of(self, ref: int, kind: Kind | Vector) -> Any:
-        """Return the value with a number, to compute with."""
+        """Return the value with the number `ref`, on which Python operators work."""
         return Entries(self, ref, kind) if isinstance(kind, Vector) else VALUES[kind](self, ref)
 
     def real(self, value: Any) -> Real:
-        """Return a number, whole or flag as a real."""
+        """Return a real, whole or flag as a real."""
         if isinstance(value, Real):
             return value
         found = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
@@ -238,7 +244,7 @@ class Builder:
         return found
 
     def whole(self, value: Any) -> Whole:
-        """Return a number, real or flag as a whole."""
+        """Return a real, whole or flag as a whole."""
         if isinstance(value, Whole):
             return value
         found = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
@@ -254,29 +260,29 @@ class Builder:
         return self.operation("fnma", a, b, c)
 
     def sqrt(self, x: Any) -> Any:
-        """Return the square root."""
+        """Return the square root of a number, or of each entry of a vector."""
         return self.operation("sqrt", x)
 
     def larger(self, a: Any, b: Any) -> Any:
-        """Return the larger of two, NaN if either is."""
+        """Return the larger of two numbers, NaN if either is NaN."""
         return self.operation("max", a, b)
 
     def smaller(self, a: Any, b: Any) -> Any:
-        """Return the smaller of two, NaN if either is."""
+        """Return the smaller of two numbers, NaN if either is NaN."""
         return self.operation("min", a, b)
 
     def magnitude(self, a: Any, b: Any) -> Any:
-        """Return the larger of |a| and |b|, NaN if either is."""
+        """Return the larger of |a| and |b|, NaN if either is NaN."""
         return self.operation("magnitude", a, b)
 
     def choose(self, condition: Flag, a: Any, b: Any) -> Any:
-        """Return one value or the other; both are computed."""
+        """Return `a` if the condition holds, else `b`. Both are computed."""
         return self.operation("select", condition, a, b)
 
     # --- memory
 
     def variable(self, value: Any, name: str = "") -> Variable:
-        """Return a variable with its first value; a Python number has the kind of its type."""
+        """Return a new variable with its first value. The type of a Python number determines the kind."""
         kind = _kind_of(value)
         first, ref = self.operand(value, kind), self.unused()
         self.add(Declare(ref, kind, first))
@@ -300,7 +306,7 @@ class Builder:
         return RecordFields(self, ref, record)
 
     def part(self, memory: Memory, start: Any) -> Memory:
-        """Return the part of an array from an index on."""
+        """Return the part of an array from index `start` on."""
         place, ref = self.operand(start, WHOLE), self.unused()
         self.add(Part(ref, memory.ref, place))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
@@ -315,7 +321,10 @@ class Builder:
         spill: bool = True,
         unrolled: bool = False,
     ) -> None:
-        """Copy numbers between arrays, in whole blocks if it may `spill`; see `Each`."""
+        """Copy `count` numbers between arrays.
+
+        With `spill`, whole blocks are copied; `form.Each` defines the options.
+        """
         with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
             target[i] = source[i]
 
@@ -335,7 +344,7 @@ class Builder:
 
     @contextmanager
     def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[OpenBranches]:
-        """Run the body if the condition holds; yields an object whose `otherwise` opens the second branch."""
+        """Run the body if the condition holds. Yields an object whose `otherwise` opens the second branch."""
         branches = OpenBranches(self, len(self.current))
         with self.block() as body:
             yield branches
@@ -343,7 +352,7 @@ class Builder:
 
     @contextmanager
     def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
-        """Run the body for an index from `start` while below `stop`."""
+        """Run the body for each index from `start`, while it is below `stop`."""
         first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self.unused()
         with self.block() as body:
             yield Whole(self, index)
@@ -351,7 +360,10 @@ class Builder:
 
     @contextmanager
     def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
-        """Run the body while the test holds. `test` builds it here, and it is evaluated before each iteration."""
+        """Run the body while a condition holds.
+
+        `test` builds the condition, which is evaluated before each iteration.
+        """
         with self.block() as asked:
             condition = test().ref
         with self.block() as body:
@@ -360,7 +372,10 @@ class Builder:
 
     @contextmanager
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
-        """Run the body for each index below `count`, in any order. It may use `sum` and `largest`; see `Each`."""
+        """Run the body for each index below `count`, in any order.
+
+        The body may use `sum` and `largest`. `form.Each` defines the options.
+        """
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
         if outside is not None:
@@ -371,19 +386,22 @@ class Builder:
         self._folds = None
 
     def sum(self, value: Real) -> Folded:
-        """Return the sum of a value over the iterations of the enclosing `each`; see `Fold`."""
+        """Return the sum of a value over the iterations of the enclosing `each`, in the order of `form.Fold`."""
         return self._fold("add", value)
 
     def dot(self, a: Real, b: Real) -> Folded:
-        """Return the sum of a product over the iterations of the enclosing `each`; see `Fold`."""
+        """Return the sum of a product over the iterations of the enclosing `each`, in the order of `form.Fold`."""
         return self._fold("dot", a, self.operand(b, REAL))
 
     def largest(self, value: Real, *, numbers: bool = False) -> Folded:
-        """Return the largest value over the enclosing `each`, NaN if any is; with `numbers`, NaN values are ignored."""
+        """Return the largest value over the enclosing `each`.
+
+        It is NaN if any value is, but with `numbers` NaN is ignored.
+        """
         return self._fold("most" if numbers else "max", value)
 
     def largest_magnitude(self, value: Real) -> Folded:
-        """Return the largest |value| over the enclosing `each`: NaN if any is, and 0 without iterations."""
+        """Return the largest |value| over the enclosing `each`. It is NaN if any value is, and 0 without iterations."""
         return self._fold("magnitude", value)
 
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
@@ -397,7 +415,7 @@ class Builder:
         return self._call(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
 
     def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
-        """Return the results of a function that is a parameter."""
+        """Return the results of a call of a function that is a parameter: None, a value or a tuple of values."""
         return self._call(ref, callee.results, callee.parameters, args)
 
     def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
@@ -432,7 +450,10 @@ class Builder:
         self.current.append(statement)
 
     def finish(self, *results: Kind) -> Procedure:
-        """Return the procedure. Raises LagrangeError if it is malformed."""
+        """Return the finished procedure, whose results have the given kinds.
+
+        Raises LagrangeError if it is malformed.
+        """
         body: Block = tuple(self.current)
         made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
         verify(made)

@@ -35,7 +35,7 @@ class Kind(enum.StrEnum):
 REAL, WHOLE, FLAG = Kind.REAL, Kind.WHOLE, Kind.FLAG
 
 CONSTANT = "constant"
-"""The operation without operands: its datum is the value."""
+"""The operation without operands. Its `data` is the value of the constant."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Record:
 
 @dataclass(frozen=True)
 class Array:
-    """Memory for values of one kind; `size` is their number, or None if the caller decides.
+    """Memory for values of one kind. `size` is their number, or None if the caller decides.
 
     An array is `read` only, or written as well. The arrays of one call do not overlap. With `room`, whole blocks of
-    that many values may be read and written, the last one beyond `size`.
+    that many values may be accessed; the last block may reach beyond `size`.
     """
 
     kind: Kind = REAL
@@ -91,7 +91,7 @@ class Array:
 
     @property
     def length(self) -> int:
-        """Length of a local array in languages that access single values: `size`, at least one."""
+        """Length of a local array in languages without access to whole blocks: `size`, at least one."""
         return (self.size or 0) + max(self.room - 1, 0) or 1
 
 
@@ -103,8 +103,8 @@ READ = Array(read=True)
 class Callee:
     """The type of a function that is a parameter: kinds of its numbers and arrays, and of its results.
 
-    In Python it returns None, a value or a tuple of values. In machine code a flag is C's int, and several results are
-    returned in registers.
+    In Python such a function returns None, a value or a tuple of values. In machine code a flag is C's int, and several
+    results are returned in registers.
     """
 
     parameters: tuple[Kind | Array, ...]
@@ -135,7 +135,7 @@ class Parameter(NamedTuple):
 
 
 class Let(NamedTuple):
-    """The result of an operation on earlier values. It has a `name` if the algorithm gives it one."""
+    """The result of an operation on earlier values. `name` is its name in the algorithm, or ""."""
 
     ref: int
     kind: Kind
@@ -145,7 +145,7 @@ class Let(NamedTuple):
 
 
 class SineCosine(NamedTuple):
-    """The sine and the cosine of one angle or of each of a vector, which cost little more together than one of them."""
+    """The sine and the cosine of one angle, or of each entry of a vector. Computing both costs little more than one."""
 
     sine: int
     cosine: int
@@ -153,9 +153,10 @@ class SineCosine(NamedTuple):
 
 
 class VectorLet(NamedTuple):
-    """A vector: an operation on vectors of one width entry by entry, or `permute`.
+    """A vector: an operation on vectors of one width, entry by entry, or `permute`.
 
-    The operands of `permute` are vectors and single values. It has their entries at `places`, numbered consecutively.
+    The operands of `permute` are vectors and single values, whose entries are numbered consecutively. The result has
+    the entries with the numbers `places`.
     """
 
     ref: int
@@ -166,9 +167,9 @@ class VectorLet(NamedTuple):
 
 
 class Reduce(NamedTuple):
-    """One value of a vector: the `sum` of its numbers, whether `any` of its flags holds, or the `entry` at a place.
+    """A single value from a vector: the `sum` of its numbers, whether `any` flag is true, or the `entry` at an index.
 
-    A sum adds entries k and k + width/2 for all k of the first half, and goes on with these sums until one is left.
+    A sum adds entries k and k + width/2 for all k of the first half, and repeats this until one value is left.
     """
 
     ref: int
@@ -179,9 +180,9 @@ class Reduce(NamedTuple):
 
 
 class VectorLoad(NamedTuple):
-    """Entries of an array side by side, the first at `place`. With a mask, entries where it is false are zero.
+    """Adjacent entries of an array, from index `place` on.
 
-    Memory where the mask is false is not read.
+    Where a mask is false, memory is not read and the entry is zero.
     """
 
     ref: int
@@ -192,7 +193,7 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Entries of an array at the places that a vector of wholes has; with a mask, zero where it is false."""
+    """Entries of an array at the indices in a vector of wholes. Where a mask is false, the entry is zero."""
 
     ref: int
     vector: Vector
@@ -202,9 +203,9 @@ class Gather(NamedTuple):
 
 
 class VectorStore(NamedTuple):
-    """Write a vector to an array, the first entry at `place`; with a mask only entries where it is true.
+    """Write a vector to adjacent entries of an array, from index `place` on, where a mask is true.
 
-    `all_there` says that all entries exist, so that those where the mask is false may be read and written back.
+    `all_there` promises that all entries exist. Then those where the mask is false may be read and written back.
     """
 
     array: int
@@ -215,7 +216,7 @@ class VectorStore(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """Write a vector to an array at the places that a vector of wholes has, where the mask is true."""
+    """Write a vector to an array at the indices in a vector of wholes, where the mask is true."""
 
     array: int
     places: int
@@ -303,7 +304,7 @@ class Set(NamedTuple):
 
 
 class When(NamedTuple):
-    """Two branches under a condition; `likely` says which one a back end may assume."""
+    """Two branches under a condition. `likely` is true or false if a back end may expect that value, else None."""
 
     condition: int
     then: Block
@@ -322,7 +323,7 @@ class Loop(NamedTuple):
 
 
 class Repeat(NamedTuple):
-    """Statements that are repeated while a condition, computed before each iteration, holds."""
+    """Statements that are repeated while a condition holds. The condition is computed before each iteration."""
 
     test: Block
     condition: int
@@ -333,16 +334,16 @@ PARTIAL = 4
 """Number of partial sums of a `Fold`."""
 
 SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
-"""Reductions that are sums, and numbers of iterations of an `Each` that may be computed at once."""
+"""Reductions that are sums; and the widths of an `Each`: numbers of iterations that may be computed at once."""
 
 
 class Fold(NamedTuple):
     """A reduction over the iterations of an `Each`: `add`, `dot`, `max`, `most` or `magnitude`.
 
-    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity, and `magnitude`, the
-    largest |value|, is 0. A sum adds value i to partial sum i mod 4; at the end partial sums 0 and 1, 2 and 3, and then
-    both are added, so the result is the same with blocks of four and without. `dot` adds products of two values, each
-    rounded once.
+    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity. `magnitude`, the largest
+    |value|, is 0 then. `dot` adds products of two values, each rounded once. A sum adds value i to partial sum i mod 4.
+    At the end partial sums 0 and 1, and 2 and 3, are added, then both results. So the sum is the same with and without
+    blocks of four.
     """
 
     ref: int
@@ -360,11 +361,11 @@ class Fold(NamedTuple):
 class Each(NamedTuple):
     """A loop over indices from 0 to `iterations`, in any order or at once.
 
-    Arrays are read and written at the index itself, or read at an index that no iteration writes. An iteration may have
-    local variables, and loops with the same count in every iteration; it calls nothing and has no branches. A printer
-    may compute up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. What an array has
-    beyond `iterations` is unchanged, except with `spill` or beyond its size. With `unrolled` all iterations are written
-    out.
+    Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have local
+    variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may compute
+    up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. Entries of an array beyond
+    `iterations` are unchanged, except with `spill` or beyond the size of the array. With `unrolled` all iterations are
+    written out.
     """
 
     place: int
@@ -377,7 +378,7 @@ class Each(NamedTuple):
 
 
 class Call(NamedTuple):
-    """Call another procedure, or a function that is a parameter, by its number."""
+    """A call of another procedure, or of a function parameter, which is given by its number."""
 
     refs: tuple[int, ...]
     callee: Procedure | int
@@ -428,7 +429,7 @@ Block = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Procedure:
-    """A checked algorithm: `about` describes it in a sentence, and `names` has the names of some of its values.
+    """A checked algorithm. `about` describes it in a sentence, and `names` has the names of some of its values.
 
     A procedure that is `apart` runs rarely, or has several callers: printers do not inline it.
     """
@@ -443,7 +444,7 @@ class Procedure:
 
     @property
     def numbers(self) -> tuple[Kind, ...]:
-        """The kinds of the results of a procedure that returns no vectors."""
+        """The kinds of the results. The procedure must not return vectors."""
         return tuple(one for one in self.results if isinstance(one, Kind))
 
     @cached_property
@@ -469,19 +470,19 @@ _BLOCKS: Mapping[type, tuple[str, ...]] = {
 
 
 def inner(statement: Statement) -> tuple[Block, ...]:
-    """Return the blocks inside a statement."""
+    """Return the blocks inside a statement, in the order in which they run."""
     return tuple(getattr(statement, name) for name in _BLOCKS.get(type(statement), ()))
 
 
 def rebuilt(statement: Statement, change: Callable[[Block], Block]) -> Statement:
-    """Return a statement with its blocks changed, the last one first."""
+    """Return a statement whose blocks are replaced by `change(block)`, called for the last block first."""
     names = _BLOCKS.get(type(statement), ())
     changes: dict[str, Any] = {name: change(getattr(statement, name)) for name in reversed(names)}
     return statement._replace(**changes)
 
 
 def walk(block: Block) -> Iterator[Statement]:
-    """Yield every statement of a block, each before those inside it."""
+    """Yield every statement of a block, each before the statements inside it."""
     for statement in block:
         yield statement
         if type(statement) in _BLOCKS:
@@ -512,7 +513,7 @@ _WHOLES: Signature = ((WHOLE, WHOLE), WHOLE)
 _COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), FLAG)
 
 ANGLES = ("sin", "cos")
-"""The operations that are computed as a pair, in the order of the results."""
+"""Operations on an angle that are computed as a pair, in the order of the results."""
 
 OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("add sub mul min max", _BINARY, _WHOLES),

@@ -74,7 +74,7 @@ class Span:
 
 
 def run(procedure: Procedure, *args: Any) -> Results:
-    """Return the results of a procedure for arguments in the order of its parameters."""
+    """Return the results of a procedure. The arguments are in the order of its parameters."""
     environment: Environment = {}
     for parameter, arg in zip(procedure.parameters, args, strict=True):
         plain = not isinstance(parameter.type, Array) or isinstance(arg, Span)
@@ -281,7 +281,7 @@ _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
 }
 
 
-# --- arithmetic of doubles as in processors: undefined results are NaN or infinite, and nothing raises
+# --- arithmetic of doubles as in processors: undefined results are NaN or infinite, and no exception is raised
 
 
 def _divide(a: float, b: float) -> float:
@@ -291,7 +291,7 @@ def _divide(a: float, b: float) -> float:
 
 
 def _max(a: Any, b: Any) -> Any:
-    """Return the larger number; of two zeros the positive one."""
+    """Return the larger number, NaN if either is NaN. Of two zeros it is the positive one."""
     if a == b:
         return b if math.copysign(1.0, a) < 0 else a
     return a if a != a or a > b else b
@@ -306,7 +306,7 @@ LARGER: Mapping[str, Callable[[float, float], float]] = {
     "most": lambda a, b: b if b > a else a,
     "magnitude": _magnitude,
 }
-"""The larger of two values, for each fold that is a maximum."""
+"""The function that returns the larger of two values, for each fold that is a maximum."""
 
 
 def _min(a: Any, b: Any) -> Any:
@@ -343,7 +343,7 @@ def _power(a: float, b: float) -> float:
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
-    """Return a function that is NaN outside its domain, infinite where it overflows, and `pole` at zero."""
+    """Return a function that never raises: NaN outside its domain, infinite on overflow, and `pole` at zero."""
 
     def value(x: float) -> float:
         try:

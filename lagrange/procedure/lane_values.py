@@ -30,19 +30,20 @@ from lagrange.procedure.form import (
 )
 
 SHORT_BRANCH = 8
-"""Largest number of operations of a branch that are computed for all members, instead of branching."""
+"""Largest number of operations of a branch for which both sides are computed for all members."""
 
 _ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "fnma", "copysign", "sign", "magnitude", "real")
 CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "not", "select", CONSTANT))
-"""Operations that cost less than a branch; none has side effects."""
+"""Operations that cost less than a branch. None of them has side effects."""
 
 
 @dataclass(frozen=True)
 class MemberMemory:
     """An array or a record of the new procedure.
 
-    An array of each member's `own` has entry i of all members side by side. With `apart`, a vector of indices, each
-    member's part begins at its own index. `level` is the depth of branches at its allocation, -1 for a caller's array.
+    An array of each member's `own` has entry i of all members side by side. With `apart`, a vector of indices, the part
+    of each member begins at its own index. `level` is the depth of branches at the allocation, or -1 for an array of
+    the caller.
     """
 
     ref: int
@@ -71,7 +72,7 @@ class MemberStatements:
         self.constants: dict[int, float | int | bool] = {}
 
     def new(self, kind: Kind | None = None, *, wide: bool = False) -> int:
-        """Return a new number, of a value of a kind or a vector of them."""
+        """Return a new number for a value of a kind, or a vector if it is `wide`. Without a kind it is memory."""
         ref = next(self.unused)
         if kind is not None:
             self.kinds[ref] = kind
@@ -91,7 +92,7 @@ class MemberStatements:
         return ref
 
     def wide(self, ref: int) -> int:
-        """Return a value as a vector, with the same entry for all members if it is a number."""
+        """Return a value as a vector. A single number is copied to all entries."""
         if ref in self.vectors:
             return ref
         made = self.new(self.kinds[ref], wide=True)
@@ -99,7 +100,7 @@ class MemberStatements:
         return made
 
     def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
-        """Return the result of an operation: a vector if an operand is one, or if it is to be `wide`."""
+        """Add an operation and return its result: a vector if an operand is one, or if `wide` is true."""
         if not wide and self.vectors.isdisjoint(args):
             ref = self.new(kind)
             self.out.append(Let(ref, kind, op, args))
@@ -110,13 +111,13 @@ class MemberStatements:
         return ref
 
     def loaded(self, array: int, place: int, kind: Kind) -> int:
-        """Return the entries of an array from a place on, one for each member."""
+        """Return adjacent entries of an array, from index `place` on, one for each member."""
         ref = self.new(kind, wide=True)
         self.out.append(VectorLoad(ref, self.vector(kind), array, place))
         return ref
 
     def call(self, callee: Procedure, args: Sequence[int]) -> tuple[int, ...]:
-        """Call a procedure in lanes and return its results."""
+        """Add a call of a procedure for all lanes, and return the numbers of its results."""
         refs = []
         for one in callee.results:
             kind, wide = (one.kind, True) if isinstance(one, Vector) else (one, False)
@@ -127,21 +128,21 @@ class MemberStatements:
     # --- masks and variables
 
     def both(self, mask: int, other: int) -> int:
-        """Return the members in both masks. `other` may be undefined outside of `mask`."""
+        """Return the mask of the members in both masks. `other` may be undefined outside of `mask`."""
         return self.put("select", FLAG, mask, other, self.constant(FLAG, value=False))
 
     def without(self, mask: int, gone: int) -> int:
-        """Return the members of a mask that are not in `gone`."""
+        """Return the mask of the members of `mask` that are not in `gone`."""
         return self.put("select", FLAG, gone, self.constant(FLAG, value=False), mask)
 
     def some(self, mask: int) -> int:
-        """Return the flag whether a mask has members."""
+        """Return the flag that is true if a mask contains any member."""
         ref = self.new(FLAG)
         self.out.append(Reduce(ref, FLAG, "any", mask))
         return ref
 
     def got(self, variable: MemberVariable) -> int:
-        """Return the value of a variable."""
+        """Read a variable and return its value."""
         wide = variable.ref in self.vectors
         ref = self.new(variable.kind, wide=wide)
         self.out.append(Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
@@ -153,7 +154,7 @@ class MemberStatements:
 
 
 def leaves(block: Block) -> bool:
-    """Return whether a block contains a statement that leaves the procedure."""
+    """Return True if a block contains a statement that leaves the procedure."""
     return any(isinstance(one, Leave) for one in walk(block))
 
 
@@ -163,7 +164,7 @@ def count_statements(block: Block) -> int:
 
 
 def is_cheap(when: When) -> bool:
-    """Return whether both sides of a branch cost less than testing whether any member takes them."""
+    """Return True if computing both sides of a branch costs less than testing whether any member takes them."""
     both = (*when.then, *when.otherwise)
     allowed = all(isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and one.op in CHEAP) for one in both)
     return allowed and sum(isinstance(one, Let) for one in both) <= SHORT_BRANCH

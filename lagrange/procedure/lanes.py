@@ -67,7 +67,7 @@ from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
 from lagrange.procedure.visit import Visitor, visits
 
 ACTIVE = "active"
-"""Name of the first argument of an entry: the members that take part."""
+"""Name of the first argument of an entry: 1 for each member that takes part, else 0."""
 
 UNROLLED = 64
 """Largest total number of statements for which the iterations of an `each` are written out."""
@@ -83,11 +83,11 @@ class MemberProcedures:
         self.numbers = count()
 
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return a procedure for members that share what `signature` says.
+        """Return the procedure for members that share the arguments as `signature` says.
 
-        Its first argument is the mask of the members that take part. An argument of each member's own is a vector. An
-        array of its own has entry i of all members side by side; one that begins at an index of its own is followed by
-        the vector of indices. Results that differ are vectors.
+        Its first argument is the mask of the members that take part. An argument that differs between members is a
+        vector. An array of each member has entry i of all members side by side. If its part begins at an index of each
+        member, the vector of indices follows it. Results that differ are vectors.
         """
         key = procedure, signature
         if key not in self.known:
@@ -96,10 +96,10 @@ class MemberProcedures:
         return self.known[key]
 
     def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure with numbers of each member in memory, for callers that have no vectors.
+        """Return the procedure with the numbers of each member in memory, for callers without vectors.
 
-        The first argument has a whole number for each member, above zero if it takes part. An argument of its own is an
-        array, with a number for each member; so is each result, `result0` and so on, with whole numbers for flags.
+        The first argument has a whole number for each member, above zero if it takes part. An argument that differs is
+        an array with a number for each member. So is each result, named `result0` and so on; flags are whole numbers.
         """
         called = self.of(procedure, signature)
         p = MemberStatements(self.lanes)
@@ -120,7 +120,10 @@ class MemberProcedures:
 
 
 class _Rewriter(Visitor, MemberStatements):
-    """Rewrites one procedure for one signature. `level` is the depth of branches that only some members may take."""
+    """Rewrites one procedure for one signature.
+
+    `level` is the number of enclosing branches that only some members take.
+    """
 
     def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:
         super().__init__(program.lanes)
@@ -134,12 +137,12 @@ class _Rewriter(Visitor, MemberStatements):
         self.open = True
         """False if the present block has ended with a return."""
         self.alive: MemberVariable | None = None
-        """The members that have not left the procedure, if they may leave at different statements."""
+        """Mask of the members that have not left the procedure; None unless they may leave at different statements."""
         self.results: list[MemberVariable] = []
         """The results of members that have left."""
 
     def procedure_in_lanes(self, name: str) -> Procedure:
-        """Return the procedure for members."""
+        """Return the rewritten procedure, which has the given name."""
         parameters = [Parameter(self.mask, "mask", self.vector(FLAG))]
         for one, share in zip(self.procedure.parameters, self.signature, strict=True):
             parameters += self.parameter(one, share)
@@ -157,7 +160,7 @@ class _Rewriter(Visitor, MemberStatements):
         return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.apart)
 
     def parameter(self, one: Parameter, share: Share) -> list[Parameter]:
-        """Return the parameters of the new procedure in the place of one."""
+        """Return the parameters of the new procedure that replace an old one."""
         match one.type:
             case Callee() | Vector():
                 raise LagrangeError(f"procedure {self.procedure.name} has {one.name}, which is no number or memory.")
@@ -176,7 +179,7 @@ class _Rewriter(Visitor, MemberStatements):
                 return made
 
     def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
-        """Return the memory in the place of an array or record of the caller."""
+        """Return the memory that replaces an array or record of the caller."""
         self.types[old] = kind
         made = self.memory[old] = MemberMemory(
             self.new(), share.own, self.new(WHOLE, wide=True) if share.apart else None
@@ -186,16 +189,16 @@ class _Rewriter(Visitor, MemberStatements):
     # --- values and masks
 
     def differs(self, old: int) -> bool:
-        """Return whether members have different values."""
+        """Return True if an old value may differ between members."""
         return old in self.spread.own
 
     def value(self, old: int, *, wide: bool) -> int:
-        """Return the value in the place of an old one, as a vector if it is to be `wide`."""
+        """Return the value that replaces an old one, as a vector if `wide` is true."""
         ref = self.values[old]
         return self.wide(ref) if wide else ref
 
     def present(self, mask: int, statement: Statement) -> int:
-        """Return the mask without the members that left the procedure in a statement."""
+        """Return a mask without the members that left the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
@@ -227,12 +230,12 @@ class _Rewriter(Visitor, MemberStatements):
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Rewrite statements."""
+        """Rewrite the statements of a block."""
         for statement in block:
             self.statement(statement)
 
     def inside(self, block: Block, mask: int) -> Block:
-        """Return the statements of a block inside a statement, for the members of a mask."""
+        """Return the statements of an inner block, rewritten for the members of a mask."""
         outside, self.out, self.mask = self.out, [], mask
         self.block(block)
         made, self.out = tuple(self.out), outside
@@ -240,7 +243,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(Note)
     def note(self, note: Note) -> None:
-        """Keep a comment."""
+        """Copy a comment to the new procedure."""
         self.out.append(note)
 
     @visits(Let)
@@ -268,7 +271,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- memory
 
     def index(self, held: MemberMemory, place: int) -> int:
-        """Return the index in memory of an index that is the same for all members."""
+        """Return the index in the new memory for an index that is the same for all members."""
         if not held.own:
             return place
         known = self.constants.get(place)
@@ -277,7 +280,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("mul", WHOLE, place, self.constant(WHOLE, self.lanes))
 
     def indices(self, held: MemberMemory, place: int) -> int:
-        """Return the vector of each member's index in memory for its own index."""
+        """Return the vector of indices in the new memory. Each member has its own index."""
         found = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
         if not held.own:
             return self.wide(found)
@@ -288,7 +291,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("add", WHOLE, first, numbers)
 
     def is_anywhere(self, array: int, place: int) -> bool:
-        """Return whether members access an array at different indices."""
+        """Return True if members may access an array at different indices."""
         return self.memory[array].apart is not None or self.differs(place)
 
     @visits(Load)
@@ -375,7 +378,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Rewrite the end of the procedure for the members of the mask; it returns if no others are left."""
+        """Rewrite a return for the members of the mask. The procedure returns if no other members are left."""
         pairs = zip(leave.values, self.spread.results, strict=True)
         values = [self.value(ref, wide=own) for ref, own in pairs]
         if self.alive is not None:
@@ -397,7 +400,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> None:
-        """Rewrite a branch or a loop. Members that leave the procedure in it are masked out afterwards."""
+        """Rewrite a branch or a loop. Members that leave the procedure inside are removed from the mask after it."""
         before = self.mask
         match statement:
             case When() if not self.differs(statement.condition):
@@ -436,7 +439,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.level -= 1
 
     def masked_branch(self, when: When) -> None:
-        """Rewrite a branch that only some members may take; a side without members is skipped."""
+        """Rewrite a branch that only some members may take. A side that no member takes is skipped."""
         mask, condition = self.mask, self.value(when.condition, wide=True)
         sides = [(self.both(mask, condition), when.then, when.likely)]
         if when.otherwise:
@@ -451,7 +454,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- loops
 
     def loop(self, loop: Loop) -> None:
-        """Rewrite a loop over an index, until no member is left in it."""
+        """Rewrite a loop over an index. It runs until it has ended for all members."""
         own = self.differs(loop.start) or self.differs(loop.stop)
         before = self.mask
         start, stop = self.value(loop.start, wide=self.differs(loop.place)), self.values[loop.stop]
@@ -473,7 +476,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.repeated(loop, goes_on, body, own=own)
 
     def repeat(self, repeat: Repeat) -> None:
-        """Rewrite a loop that repeats until the condition holds for no member."""
+        """Rewrite a loop under a condition. It runs until the condition holds for no member."""
 
         def goes_on() -> int:
             self.block(repeat.test)
@@ -484,7 +487,10 @@ class _Rewriter(Visitor, MemberStatements):
     def repeated(
         self, loop: Loop | Repeat | Each, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool
     ) -> None:
-        """Add a loop of statements that `goes_on` and `body` add; `own` if some members may end it before others."""
+        """Add a loop; `goes_on` adds its condition, and `body` its statements.
+
+        `own` is true if members may end it at different iterations.
+        """
         before, outside = self.mask, self.out
         inside = self.declared(before) if own else None
         self.level += own
@@ -528,7 +534,7 @@ class _Rewriter(Visitor, MemberStatements):
             self.values[fold.ref] = self.total(found, iterations)
 
     def looped(self, each: Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
-        """Rewrite the iterations as a loop, and return the partial results after it."""
+        """Rewrite the iterations as a loop, and return the partial results of its reductions."""
         partial = [[self.declared(one) for one in found] for found in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
 
@@ -564,7 +570,7 @@ class _Rewriter(Visitor, MemberStatements):
         return [[self.got(variable) for variable in variables] for variables in partial]
 
     def collected(self, fold: Fold, found: Sequence[int]) -> list[int]:
-        """Return the partial results of a reduction after one more value; the first is the next that gets a value."""
+        """Return the partial results of a reduction after one more value, rotated: the first gets the next value."""
         before, value = found[0], self.values[fold.value]
         if fold.factor is not None:
             new = self.put("fma", REAL, value, self.values[fold.factor], before)
@@ -575,7 +581,7 @@ class _Rewriter(Visitor, MemberStatements):
         return [*found[1:], new]
 
     def total(self, found: Sequence[int], iterations: int) -> int:
-        """Return the result of a reduction. The last iteration i was added to partial sum i mod 4."""
+        """Return the result of a reduction from its partial results. Value i was added to partial sum i mod 4."""
         if len(found) == 1:
             return found[0]
         known = self.constants.get(iterations)
@@ -587,6 +593,6 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("select", REAL, is_even, self.summed(found, 0), self.summed(found, 1))
 
     def summed(self, found: Sequence[int], odd: int) -> int:
-        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the parity of the number of terms."""
+        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the number of terms modulo 2."""
         a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
         return self.put("add", REAL, self.put("add", REAL, a, b), self.put("add", REAL, c, d))

@@ -50,9 +50,9 @@ Functions = Mapping[str, Procedure]
 
 
 def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Procedure:
-    """Return a procedure in which `functions` replace the parameters with their names.
+    """Return a procedure in which `functions` replace the function parameters with their names.
 
-    Parameters that nothing reads are dropped, here and in callees, but the signatures of `functions` stay. `prefix` is
+    Unread parameters are dropped here and in callees, but the signatures of `functions` are unchanged. `prefix` is
     added to the names of all procedures except `functions`. Raises LagrangeError if a procedure calls a function
     parameter that `functions` lacks.
     """
@@ -60,7 +60,7 @@ def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Pr
 
 
 class _Binder:
-    """Binds procedures, each once for the same functions."""
+    """Binds procedures. For the same functions each procedure is bound once."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
@@ -107,11 +107,11 @@ class _Binder:
 
 
 MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part, Reserve, ReserveRecord, Get)
-"""Statements that define a value or memory, without other effects."""
+"""Statements that define a value or memory and have no other effects."""
 
 
 class Pruner:
-    """Removes unread values from procedures that call each other; each procedure is pruned only once."""
+    """Removes unread values from procedures that call each other. Each procedure is pruned once."""
 
     def __init__(self) -> None:
         self.known: dict[Procedure, Procedure] = {}
@@ -129,7 +129,7 @@ class Pruner:
 
 
 class _Pass:
-    """One backward pass over a procedure. `got` are the variables that are read anywhere."""
+    """One backward pass over a procedure. `got` are the variables that are read anywhere in it."""
 
     def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
         self.pruner, self.got = pruner, got
@@ -152,7 +152,7 @@ class _Pass:
         return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
-        """Return True if a statement does not affect results."""
+        """Return True if a statement has no effect on results."""
         match statement:
             case Declare(ref=ref):
                 return ref not in self.got
@@ -165,14 +165,14 @@ class _Pass:
 
 
 def _variables_read(block: Block) -> frozenset[int]:
-    """Return the variables that a block reads."""
+    """Return the variables that the statements of a block read."""
     return frozenset(one.variable for one in walk(block) if isinstance(one, Get))
 
 
 def unpacked(procedure: Procedure) -> Procedure:
-    """Return a procedure with numbers and flags in the place of vectors, or the procedure itself without vectors.
+    """Return a procedure with numbers and flags in place of vectors. A procedure without vectors is returned unchanged.
 
-    Callees are not unpacked here; their printers do that.
+    Callees are not unpacked here; their printers unpack them.
     """
     statements = list(walk(procedure.body))
     if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
@@ -183,13 +183,13 @@ def unpacked(procedure: Procedure) -> Procedure:
 
 
 class _Unpacker:
-    """Rewrites blocks; `entries` are the numbers of the entries of each vector."""
+    """Rewrites blocks without vectors. `entries` has the numbers of the entries of each vector."""
 
     def __init__(self, first: int) -> None:
         self.unused = count(first)
         self.entries: dict[int, tuple[int, ...]] = {}
         self.same: dict[int, int] = {}
-        """Vector entries that are read as single values, by the number of the single value."""
+        """Vector entries that are read as single values: from the number of that value to the number of the entry."""
         self.out: list[Statement] = []
 
     def block(self, block: Block) -> Block:
@@ -246,7 +246,7 @@ class _Unpacker:
         return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
 
     def vector(self, let: VectorLet) -> tuple[int, ...]:
-        """Return the numbers of the entries of an entrywise operation."""
+        """Add an operation for each entry of a vector, and return the numbers of the results."""
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
         if let.op == "permute":
             entries = [entry for arg in args for entry in arg]
@@ -264,14 +264,14 @@ class _Unpacker:
             left = refs
 
     def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
-        """Return `width` successive indices, the first of which is `place`."""
+        """Return `width` successive indices, beginning with `place`."""
         steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
         return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
 
     def loaded(
         self, load: VectorLoad | Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
     ) -> tuple[int, ...]:
-        """Return entries of an array, zero where a flag is false."""
+        """Return entries of an array. Where a flag is false, an entry is zero."""
         kind, refs = load.vector.kind, []
         for k, place in enumerate(places):
             ref = next(self.unused)

@@ -53,13 +53,13 @@ INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
 
 LONGEST_VALUE = 60
-"""Length in characters from which a value gets a name."""
+"""Length in characters from which an expression is assigned to a name."""
 
 
 class SourcePrinter(Visitor, Syntax):
-    """Prints one procedure in a language; a subclass defines the look of its statements.
+    """Prints one procedure in a language; a subclass defines the form of its statements.
 
-    `taken` are words that are not used as names, except for parameters with such a name.
+    `taken` are words that are not used as names. Parameters with such a name keep it.
     """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
@@ -76,7 +76,7 @@ class SourcePrinter(Visitor, Syntax):
         )
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
-        """The values that have not been printed yet."""
+        """The values that have not been printed yet, in order."""
         self.constants: dict[int, Any] = {}
         self.depth = 1
         self.loops = 0
@@ -84,7 +84,7 @@ class SourcePrinter(Visitor, Syntax):
     # --- what languages share
 
     def function(self) -> str:
-        """Return the function."""
+        """Return the text of the function."""
         self.name_parameters()
         self.block(self.procedure.body)
         lines = [*self.head(), *self.lines, *self.tail()]
@@ -97,7 +97,7 @@ class SourcePrinter(Visitor, Syntax):
             self.name(parameter.ref, parameter.name)
 
     def function_name(self, procedure: Procedure) -> str:
-        """Return the name of a procedure."""
+        """Return the name under which a procedure is called."""
         return procedure.name
 
     def name(self, ref: int, stem: str = "") -> str:
@@ -118,21 +118,21 @@ class SourcePrinter(Visitor, Syntax):
         return [one for one in self.procedure.parameters if one.ref not in read]
 
     def key(self, name: str) -> str:
-        """Return the part of a name that the language compares: names with equal keys are the same to it."""
+        """Return the part of a name that the language compares. Names with equal keys are the same name in it."""
         return name
 
     def put(self, line: str) -> None:
-        """Print a line as it is."""
+        """Print a line unchanged."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement, after the pending values that it might change."""
+        """Print a statement. Pending values that it might change are printed before it."""
         self.settle()
         self.put(line)
 
     def settle(self) -> None:
-        """Assign every pending value to a name, before a statement that may change its operands."""
+        """Print an assignment for every pending value, before a statement that may change their operands."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
@@ -151,7 +151,7 @@ class SourcePrinter(Visitor, Syntax):
         return found
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses if it binds less tightly than `least`."""
+        """Return a value as an operand, in parentheses if its binding strength is below `least`."""
         self.waiting.pop(ref, None)
         level, found = self.texts[ref]
         return found if level >= least else f"({found})"
@@ -180,7 +180,7 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Reserve, ReserveRecord)
     def local_memory(self, one: Reserve | ReserveRecord) -> None:
-        """Print a local array or record."""
+        """Print the declaration of a local array or record."""
         self.settle()
         if isinstance(one, Reserve):
             self.types[one.ref] = one.array
@@ -191,14 +191,14 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Part)
     def part_of(self, part: Part) -> None:
-        """Print the part of an array."""
+        """Print the definition of a part of an array."""
         held = self.array(part.array)
         self.types[part.ref] = Array(held.kind, None, held.read, held.room)
         self.part(part)
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print the declaration, reading or setting of a variable."""
+        """Print the declaration, reading or assignment of a variable."""
         match statement:
             case Declare(ref=ref, kind=Kind() as kind, value=value):
                 self.types[ref] = kind
@@ -228,7 +228,7 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print or keep an operation."""
+        """Print an operation, or keep its text until its use."""
         if let.op == CONSTANT:
             self.constants[let.ref] = let.data
             self.types[let.ref] = let.kind
@@ -246,7 +246,7 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Store the text of a value until its use; print it now if it has a name or several uses."""
+        """Keep the text of a value until its use. Print it now if it has a name or several uses."""
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
             self.texts[ref], self.waiting[ref] = (level, text), None
@@ -285,7 +285,7 @@ class SourcePrinter(Visitor, Syntax):
                 self.each(statement)
 
     def repeat(self, test: Block, condition: int, body: Block) -> None:
-        """Print a loop under a condition, which moves into the body if it takes more than one line."""
+        """Print a loop under a condition. A condition of more than one line is evaluated inside the body."""
         self.settle()
         before = len(self.lines)
         self.depth += 1
@@ -306,7 +306,7 @@ class SourcePrinter(Visitor, Syntax):
         self.put(self.closing("while"))
 
     def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[Fold]) -> None:
-        """Print a loop over indices."""
+        """Print a loop over indices. `places` are the first index, the bound, and the step."""
         self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
         self.write(self.opening("for", INDICES[self.loops], *places))
         self.loops += 1
@@ -319,7 +319,7 @@ class SourcePrinter(Visitor, Syntax):
         self.put(self.closing("for"))
 
     def each(self, each: Each) -> None:
-        """Print an `each` as a loop, with partial sums in an array of four."""
+        """Print an `each` as a loop, with four partial sums in an array."""
         count = self.text(each.iterations, self.end_binds)
         for fold in each.folds:
             self.settle()
@@ -330,7 +330,7 @@ class SourcePrinter(Visitor, Syntax):
             self.end_fold(fold)
 
     def begin_fold(self, fold: Fold) -> None:
-        """Print the variables of a fold."""
+        """Print the initial values of the variables of a fold."""
         self.types[fold.ref] = REAL
         if fold.op in SUMS:
             self.partial_sums(fold.ref)
@@ -339,14 +339,14 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.declare(self.name(fold.ref), REAL, start))
 
     def end_fold(self, fold: Fold) -> None:
-        """Print the result of a fold, if its variable is not the result."""
+        """Print the assignment of the result of a fold, if its variable is not the result."""
         if fold.op in SUMS:
             held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
             total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
             self.put(self.define(self.name(fold.ref, f"sum{fold.ref}"), REAL, total))
 
     def partial_sums(self, ref: int) -> None:
-        """Print the four partial sums of a fold, zeros at first."""
+        """Print the definition of the four partial sums of a fold, zero at first."""
         self.reserve(ref, Array(REAL, PARTIAL))
         for k in range(PARTIAL):
             self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))

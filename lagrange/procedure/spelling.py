@@ -11,13 +11,13 @@ from typing import Any, ClassVar, NamedTuple
 from lagrange.procedure.form import FLAG, WHOLE, Array, Call, Kind, Part, Record
 
 ATOM = 10
-"""Binding strength of a name or a call; operators have lower numbers."""
+"""Binding strength of a name or a call. Operators have lower numbers."""
 
 
 class Operator(NamedTuple):
-    """Binding strength of an operator, its text, and the least binding strength of operands without parentheses.
+    """Binding strength of an operator, its text, and the least binding strength of each operand without parentheses.
 
-    Empty `operands` means that no operand needs parentheses.
+    If `operands` is empty, no operand needs parentheses.
     """
 
     binds: int
@@ -25,13 +25,16 @@ class Operator(NamedTuple):
     operands: tuple[int, ...] = ()
 
     def applied(self, operand: Callable[[int, int], str], args: Sequence[int]) -> str:
-        """Return the text of the operation. `operand(arg, least)` is the text of an argument with its parentheses."""
+        """Return the text of the operation.
+
+        `operand(arg, least)` returns the text of an argument, with parentheses if needed.
+        """
         least = self.operands or (0,) * len(args)
         return self.text.format(*(operand(arg, one) for arg, one in zip(args, least, strict=True)))
 
 
 def call(text: str) -> Operator:
-    """Return an operation that is a call, whose arguments need no parentheses."""
+    """Return an operation that is printed as a call, whose arguments need no parentheses."""
     return Operator(ATOM, text)
 
 
@@ -50,7 +53,7 @@ OPERATORS: Mapping[str, Operator] = {
     "neg": Operator(8, "-{0}", (9,)),
     "not": Operator(8, "!{0}", (9,)),
 }
-"""The operators that most languages share. A conditional expression has a lower binding strength, 1."""
+"""Operators that most languages share. A conditional expression has binding strength 1, below all of them."""
 
 WORDS: Mapping[str, Operator] = {
     "or": Operator(2, "{0} or {1}", (2, 3)),
@@ -91,8 +94,8 @@ class Literals:
 class Syntax(ABC):
     """Spelling of a procedure in a language.
 
-    `operators` has the operations that are operators; the others are functions. `literals` prints constants. `greater`
-    has the comparisons with operands exchanged, used if the first operand is a constant.
+    `operators` has the operations that are operators; all others are functions. `literals` prints constants. `greater`
+    has the comparison with exchanged operands for each comparison, used if the first operand is a constant.
     """
 
     operators: Mapping[str, Operator]
@@ -102,33 +105,33 @@ class Syntax(ABC):
     longest: ClassVar[int] = 63
     """Largest number of significant characters of a name in many languages."""
     widest: ClassVar[int] = 118
-    """Longest line in languages that break lines."""
+    """Longest line, in characters, in languages that break lines."""
     end_binds: ClassVar[int] = 0
-    """Least binding strength of the end of a loop without parentheses."""
+    """Least binding strength of the end of a loop that needs no parentheses."""
 
     @abstractmethod
     def head(self) -> list[str]:
-        """Return the lines before the body; the parameters have names already."""
+        """Return the lines before the body. The names of the parameters are chosen before."""
 
     def tail(self) -> list[str]:
         """Return the lines after the body."""
         return []
 
     def broken(self, line: str) -> list[str]:
-        """Return a line as several if it is too long for the language."""
+        """Return a line as several lines if it is too long for the language."""
         return [line]
 
     @abstractmethod
     def legal(self, stem: str) -> str:
-        """Return a valid name made of a stem; it may be in use."""
+        """Return a valid name that begins with a stem. It may be in use already."""
 
     @abstractmethod
     def function_of(self, op: str) -> str:
-        """Return the name of the function of an operation that is not an operator."""
+        """Return the name of the function for an operation that is not an operator."""
 
     @abstractmethod
     def define(self, name: str, kind: Kind, text: str) -> str:
-        """Return the statement that names a value."""
+        """Return the statement that assigns a value to a new name."""
 
     def declare(self, name: str, kind: Kind, text: str) -> str:
         """Return the statement that declares a variable with its first value."""
@@ -192,12 +195,12 @@ class Syntax(ABC):
 
     @abstractmethod
     def partial(self, ref: int, place: str) -> str:
-        """Return a partial sum, whose index is a number or the text of an index below four."""
+        """Return the text of a partial sum. Its index is a number, or the text of an index below four."""
 
     @abstractmethod
     def modulo(self, index: str) -> str:
-        """Return an index modulo four."""
+        """Return the text of an index modulo four."""
 
     @abstractmethod
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses if it binds less tightly than `least`."""
+        """Return a value as an operand, in parentheses if its binding strength is below `least`."""

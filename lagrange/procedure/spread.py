@@ -1,7 +1,7 @@
-"""Determine which values of a procedure differ between members that run in parallel lanes, and which are common.
+"""Determine which values of a procedure differ between members that run in parallel lanes.
 
-A value differs if it depends on an argument of each member's own, or if members may have taken different branches.
-Common values are computed once for all members.
+A value differs if it depends on an argument that differs, or if members may have taken different branches. All other
+values are common: they are computed once for all members.
 """
 
 from __future__ import annotations
@@ -41,7 +41,10 @@ from lagrange.procedure.visit import Visitor, defined, operands, visits
 
 
 class Share(NamedTuple):
-    """Sharing of an argument: each member has its `own`, or all share it. Of an array each may use a part `apart`."""
+    """Sharing of an argument: `own` if it differs between members.
+
+    An array is `apart` if each member uses another part.
+    """
 
     own: bool
     apart: bool = False
@@ -53,7 +56,7 @@ Signature = tuple[Share, ...]
 
 
 def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
-    """Return the sharing of a call's arguments, from the values that are own and the arrays that are apart."""
+    """Return the sharing of a call's arguments. `own` are the values that differ, `apart` the arrays that are apart."""
     assert isinstance(call.callee, Procedure)
     return tuple(
         Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
@@ -63,7 +66,7 @@ def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Sign
 
 @dataclass(frozen=True)
 class Spread:
-    """Result of the analysis: the numbers of values, variables and memory that are `own`, and results by index.
+    """Result of the analysis: numbers of the values, variables and memory that are `own`, and indices of such results.
 
     Arrays in `apart` begin at another index for each member. With `parting`, members may leave the procedure at
     different statements.
@@ -82,7 +85,7 @@ class Spreads:
     known: dict[tuple[Procedure, Signature], Spread] = field(default_factory=dict)
 
     def of(self, procedure: Procedure, signature: Signature) -> Spread:
-        """Return the spread of a procedure with the arguments shared as in the signature."""
+        """Return the spread of a procedure whose arguments are shared as in the signature."""
         key = procedure, signature
         if key not in self.known:
             self.known[key] = _SpreadSearch(self, procedure, signature).spread()
@@ -90,7 +93,10 @@ class Spreads:
 
 
 class _SpreadSearch(Visitor):
-    """Fixed-point iteration over a procedure, until no further value differs: loops carry variables back."""
+    """Fixed-point iteration over a procedure.
+
+    It is repeated until no further value differs, because loops carry variables back.
+    """
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
         self.spreads, self.procedure = spreads, procedure
@@ -114,18 +120,18 @@ class _SpreadSearch(Visitor):
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
     def size(self) -> tuple[int, ...]:
-        """Return the counts of values that differ; they grow until the iteration ends."""
+        """Return the numbers of values that differ. They grow until the iteration ends."""
         return len(self.own), len(self.apart), self.parting, sum(self.results)
 
     def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
-        """Record for a number that members' values differ: it is `own`, or `apart` for an array."""
+        """Record that the values of a number differ between members. An array is `own`, `apart`, or both."""
         if own:
             self.own[ref] = None
         if apart:
             self.apart[ref] = None
 
     def differs(self, refs: Iterable[int]) -> bool:
-        """Return whether one of some numbers differs."""
+        """Return True if one of the numbers differs between members."""
         return any(ref in self.own for ref in refs)
 
     def block(self, block: Block, *, parted: bool) -> None:

@@ -45,7 +45,7 @@ class Value:
         raise LagrangeError("a value of a procedure is known when it runs: use `with p.when(...)` and not `if`.")
 
     def called(self, name: str) -> Any:
-        """Return the value, and set its name in listings and printed code."""
+        """Return the value, and set its name for listings and printed code."""
         self.builder.names[self.ref] = name
         return self
 
@@ -90,7 +90,7 @@ class _Ordered(Value):
         return Flag.of(self.builder.operation("less_equal", other, self))
 
     def equals(self, other: Any) -> Flag:
-        """Return the flag that two numbers are equal; it is false if one is NaN."""
+        """Return the flag that is true if two numbers are equal. It is false if one is NaN."""
         return Flag.of(self._with("equal", other))
 
 
@@ -128,7 +128,7 @@ class Flag(Value):
 
     @staticmethod
     def of(value: Any) -> Flag:
-        """Return a value that is a flag."""
+        """Return a value as a flag. Raises LagrangeError for another kind."""
         assert isinstance(value, Flag)
         return value
 
@@ -186,21 +186,21 @@ class Entries:
         return self.builder.entrywise("not", self)
 
     def equals(self, other: Any) -> Entries:
-        """Return a flag for each entry: True if the two are equal, False if one is NaN."""
+        """Return a flag for each entry: true if the two are equal, false if one is NaN."""
         return self.builder.entrywise("equal", self, other)
 
     def permuted(self, *places: int) -> Any:
-        """Return the vector of the entries at some places, or the entry at one."""
+        """Return the vector of the entries with the given indices, or the single entry for one index."""
         return self.builder.permuted([self], places)
 
     @property
     def sum(self) -> Any:
-        """The sum of the entries; see `Reduce`."""
+        """Sum of the entries. Halves are added until one value is left."""
         return self.builder.made(self.vector.kind, lambda ref: Reduce(ref, self.vector.kind, "sum", self.ref))
 
     @property
     def any(self) -> Flag:
-        """The flag that any entry is true."""
+        """Flag that is true if any entry is true."""
         return Flag.of(self.builder.made(FLAG, lambda ref: Reduce(ref, FLAG, "any", self.ref)))
 
 
@@ -236,30 +236,33 @@ class Memory:
         self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
 
     def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
-        """Return adjacent entries as a vector, with zeros where a mask is false."""
+        """Return `width` adjacent entries from index `place` on, as a vector.
+
+        Where a mask is false, the entry is zero.
+        """
         vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
         held = None if mask is None else mask.ref
         made: Entries = self.builder.made(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
         return made
 
     def gathered(self, places: Entries) -> Entries:
-        """Return the entries at the indices in a vector."""
+        """Return the entries with the indices in a vector, as a vector."""
         vector = Vector(self.array.kind, places.vector.width)
         made: Entries = self.builder.made(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
         return made
 
     def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
-        """Write a vector to adjacent entries, where a mask is true."""
+        """Write a vector to adjacent entries from index `place` on, where a mask is true."""
         start = self.builder.operand(place, WHOLE)
         self.builder.add(VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
 
     def at(self, start: Any) -> Memory:
-        """Return the part of the array from an index on."""
+        """Return the part of the array from index `start` on."""
         return self.builder.part(self, start)
 
 
 class RecordFields:
-    """A record: its fields are read and set as attributes."""
+    """A record. Its fields are read and set as attributes."""
 
     def __init__(self, builder: Builder, ref: int, record: Record) -> None:
         object.__setattr__(self, "_builder", builder)

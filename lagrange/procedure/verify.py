@@ -53,7 +53,7 @@ from lagrange.procedure.form import (
 from lagrange.procedure.visit import Visitor, visits
 
 IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
-"""Statements that an iteration of an `each` may have. Its loops have the same count in every iteration."""
+"""Statements that an iteration of an `each` may contain. The count of its loops is the same in every iteration."""
 
 
 def verify(procedure: Procedure) -> None:
@@ -62,7 +62,10 @@ def verify(procedure: Procedure) -> None:
 
 
 class _Check(Visitor):
-    """Walks a procedure with the types of the values defined so far; methods return whether the procedure ends."""
+    """Walks a procedure with the types of the values defined so far.
+
+    Methods return True if the procedure ends there.
+    """
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
@@ -72,9 +75,9 @@ class _Check(Visitor):
         self.each: int | None = None
         self.constants: set[int] = set()
         self.places: set[int] = set()
-        """Values computed from the index of an `each`: they may be compared, but not index an array."""
+        """Values computed from the index of an `each`. They may be compared, but must not index an array."""
         self.own: set[int] = set()
-        """The variables declared inside the present `each`."""
+        """The variables that are declared inside the present `each`."""
 
     def run(self) -> None:
         names = [parameter.name for parameter in self.procedure.parameters]
@@ -120,13 +123,13 @@ class _Check(Visitor):
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Context at whose end the definitions made inside are dropped."""
+        """Context that drops the definitions made inside when it ends."""
         known, variables = dict(self.known), dict(self.variables)
         yield
         self.known, self.variables = known, variables
 
     def block(self, block: Block) -> bool:
-        """Check a block; return whether every path through it ends the procedure."""
+        """Check a block; return True if every path through it ends the procedure."""
         with self.scope():
             return self.statements(block)
 
@@ -351,7 +354,7 @@ class _Check(Visitor):
                 self.kind(value, REAL)
 
     def has_room(self, index: int, body: Block) -> None:
-        """Refuse a sum with a variable count over arrays without room for a whole last block."""
+        """Raise an error for a sum with a variable count over arrays without room for a whole last block."""
         for one in body:
             if isinstance(one, (Load, Store)) and one.place == index and self.array(one.array).room < PARTIAL:
                 raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
@@ -363,12 +366,15 @@ class _Check(Visitor):
 
 
 def _entry_kind(found: Type) -> Kind | None:
-    """Return the kind of a number or flag, or of the entries of a vector."""
+    """Return the kind of a number or flag, or that of a vector's entries; None for another type."""
     return found if isinstance(found, Kind) else found.kind if isinstance(found, Vector) else None
 
 
 def _fits(found: Type, wanted: Type) -> bool:
-    """Return whether an argument fits a parameter: a writable array may be passed where it is only read."""
+    """Return True if an argument of type `found` fits a parameter of type `wanted`.
+
+    A writable array fits a read-only one.
+    """
     if isinstance(found, Array) and isinstance(wanted, Array):
         return found.kind is wanted.kind and (wanted.read or not found.read)
     return found == wanted

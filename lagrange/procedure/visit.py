@@ -47,7 +47,7 @@ from lagrange.procedure.form import (
 
 
 class Fields(NamedTuple):
-    """Names of a statement's fields: those with numbers that it reads, and those that it defines (values or memory)."""
+    """Names of a statement's fields with numbers: those that it reads, and those that it defines (values or memory)."""
 
     read: tuple[str, ...] = ()
     defined: tuple[str, ...] = ()
@@ -80,19 +80,19 @@ FIELDS: Mapping[type, Fields] = {
     Leave: Fields(("values",)),
     Note: Fields(),
 }
-"""Fields of every statement. Variables are excluded. An angle is read twice, for its sine and for its cosine."""
+"""Fields of every kind of statement. Variables are excluded. An angle counts as read twice, for its sine and cosine."""
 
 
 def operands(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers that a statement itself reads, without its blocks.
+    """Return the numbers that a statement itself reads, without those inside its blocks.
 
-    They include arrays and records that it writes to, but not variables.
+    Arrays and records that it writes to are included; variables are not.
     """
     return tuple(ref for name in FIELDS[type(statement)].read for ref in _numbers(getattr(statement, name)))
 
 
 def defined(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers that a statement itself defines, without its blocks."""
+    """Return the numbers that a statement itself defines, without those inside its blocks."""
     found: list[int] = []
     for name in FIELDS[type(statement)].defined:
         value = getattr(statement, name)
@@ -101,7 +101,7 @@ def defined(statement: Statement) -> tuple[int, ...]:
 
 
 def _numbers(value: Any) -> Iterator[int]:
-    """Yield the numbers in a field. A called procedure has no number."""
+    """Yield the numbers in a field of a statement. A called procedure has none."""
     match value:
         case int():
             yield value
@@ -117,7 +117,7 @@ def _numbers(value: Any) -> Iterator[int]:
 
 
 def renamed(statement: Statement, names: Mapping[int, int]) -> Statement:
-    """Return a statement in which numbers that it reads are replaced by others, as `names` maps them."""
+    """Return a statement in which the numbers that it reads are replaced as in `names`."""
     if names.keys().isdisjoint(operands(statement)):
         return statement
     read = {name: _renamed(getattr(statement, name), names) for name in FIELDS[type(statement)].read}
@@ -136,12 +136,12 @@ def _renamed(value: Any, names: Mapping[int, int]) -> Any:
 
 
 def reads(block: Block) -> frozenset[int]:
-    """Return the numbers that the statements of a block read."""
+    """Return the numbers that the statements of a block read, including inner blocks."""
     return frozenset(ref for statement in walk(block) for ref in operands(statement))
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Count the uses of each value. A use inside a loop counts twice if the value is defined outside."""
+    """Return the number of uses of each value. A use inside a loop counts twice if the value is defined outside."""
     found: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):
@@ -155,7 +155,7 @@ def uses_of(block: Block) -> dict[int, int]:
 
 
 def loop_depth(block: Block) -> int:
-    """Return the depth of nested loops."""
+    """Return the greatest depth of nested loops in a block."""
     depths = (loop_depth(body) + isinstance(one, (Loop, Each)) for one in block for body in inner(one))
     return max(depths, default=0)
 
@@ -164,7 +164,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def visits(*kinds: type) -> Callable[[Method], Method]:
-    """Mark a method as the one for some kinds of statements."""
+    """Declare a method as the visitor of some kinds of statements."""
 
     def marked(method: Method) -> Method:
         method.__dict__["visits"] = kinds
@@ -174,15 +174,16 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 
 
 class Visitor:
-    """Calls the method of a statement. A subclass has one for each kind of statement, marked by `visits`.
+    """Calls the method for the kind of a statement.
 
-    Methods for vectors may be missing in visitors of `unpacked` procedures.
+    A subclass has one method for each kind, marked by `visits`. Visitors of `unpacked` procedures need none for
+    vectors.
     """
 
     _methods: ClassVar[Mapping[type, str]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Collect the methods. Raises TypeError if a kind of statement has none."""
+        """Collect the methods of a subclass. Raises TypeError if a kind of statement has none."""
         found = {
             kind: name
             for base in reversed(cls.__mro__)
@@ -195,7 +196,10 @@ class Visitor:
         cls._methods = found
 
     def statement(self, statement: Statement) -> Any:
-        """Call the method of a statement, and return its result. Raises LagrangeError for a vector without a method."""
+        """Call the method for a statement, and return its result.
+
+        Raises LagrangeError for a vector without a method.
+        """
         if type(statement) not in self._methods:
             raise LagrangeError(f"{type(self).__name__} reads no vectors: hand it an unpacked procedure.")
         return getattr(self, self._methods[type(statement)])(statement)

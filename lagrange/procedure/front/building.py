@@ -49,10 +49,10 @@ from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.values import Flag, Memory, RecordFields, Value, Whole
 
 UNSAFE = ("quotient", "whole")
-"""Operations that machine code must not run for every operand: they are computed under their condition only."""
+"""Operations that may stop a processor for some operands. They are computed under their condition only."""
 
 CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len, dataclasses.replace, clear)
-"""Python functions that do not use the values in a container, a bundle, or a record."""
+"""Python functions that rearrange a container, bundle or record without computing with the values in it."""
 
 
 class Local:
@@ -63,14 +63,14 @@ class Local:
 
 
 class Tracer(Names):
-    """The receiver that builds a procedure with kinds of results."""
+    """The receiver that builds a procedure, whose results have the given kinds."""
 
     Ended = Ended
 
     # --- control flow
 
     def branches(self, test: Any) -> Branches | Chosen:
-        """Return the branches of a condition."""
+        """Return the two branches of a condition, or the branch to build if the condition is known now."""
         weighed = test if isinstance(test, Weighed) else Weighed(test, likely=True)
         condition = weighed.condition
         if not isinstance(condition, Value):
@@ -81,7 +81,7 @@ class Tracer(Names):
         return Branches(self, condition, weighed.likely if weighed is test else None)
 
     def loop(self, *bounds: Any) -> LoopBlock:
-        """Return the loop of `range`."""
+        """Return the loop over `range(*bounds)`."""
         start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
         if not isinstance(step, int) or step <= 0:
             raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
@@ -89,13 +89,13 @@ class Tracer(Names):
         return LoopBlock(self, lambda: self.p.loop(values[0], values[1], step))
 
     def repeat(self) -> RepeatBlock:
-        """Return the loop of a `while`."""
+        """Return the loop of a `while` statement."""
         if self.iterations is not None:
             raise Error("an iteration of an `each` has no `while`.")
         return RepeatBlock(self, self.p.block)
 
     def sequence(self, values: Any) -> LoopBlock | WrittenLoop:
-        """Return the loop over values that are written out, or over the values of an inline generator."""
+        """Return a loop over known values, which is written out, or over the values of an inline generator."""
         if isinstance(values, GeneratorType):
             return SplicedLoop(self, values)
         if isinstance(values, (Value, Memory)):
@@ -103,13 +103,16 @@ class Tracer(Names):
         return WrittenLoop(values)
 
     def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
-        """Return the loop of an `each`."""
+        """Return the loop of an `each` with `count` iterations.
+
+        `disjoint` and `options` are those of `vocabulary.each`.
+        """
         if self.iterations is not None:
             raise Error("an `each` stands in another: use `range` inside.")
         return EachBlock(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
 
     def leave(self, value: Any) -> None:
-        """Return from the procedure."""
+        """Add the return from the procedure, with its result, a tuple of results, or None."""
         values = () if value is None else value if isinstance(value, tuple) else (value,)
         if len(values) != len(self.results):
             raise Error(f"the procedure returns {len(self.results)} values; {len(values)} are given.")
@@ -119,7 +122,7 @@ class Tracer(Names):
     # --- operations
 
     def divide(self, a: Any, b: Any) -> Any:
-        """Return a / b."""
+        """Return the value of a / b."""
         for operand in (a, b):
             if isinstance(operand, Whole):
                 raise Error("`/` divides reals: write float(n), or `//`.")
@@ -128,7 +131,7 @@ class Tracer(Names):
         return EXACT["div"](a, b)
 
     def floor_divide(self, a: Any, b: Any) -> Any:
-        """Return a/b of whole numbers, rounded down."""
+        """Return the value of a // b for whole numbers: the quotient rounded down."""
         if not isinstance(a, Value) and not isinstance(b, Value):
             return a // b
         toward_zero = self.p.operation("quotient", a, b)
@@ -139,13 +142,13 @@ class Tracer(Names):
         return toward_zero - self.p.whole(off)
 
     def remainder(self, a: Any, b: Any) -> Any:
-        """Return a - (a//b)*b, of the sign of b."""
+        """Return the value of a % b for whole numbers: a - (a//b)*b, which has the sign of b."""
         if not isinstance(a, Value) and not isinstance(b, Value):
             return a % b
         return a - self.floor_divide(a, b) * b
 
     def power(self, a: Any, b: Any) -> Any:
-        """Return a ** b."""
+        """Return the value of a ** b."""
         if isinstance(a, Whole) or isinstance(b, Whole):
             raise Error("`**` takes reals: write float(n).")
         if isinstance(b, Value) and not isinstance(a, Value):
@@ -153,33 +156,33 @@ class Tracer(Names):
         return a**b
 
     def equal(self, a: Any, b: Any) -> Any:
-        """Return a == b."""
+        """Return the flag a == b, or a bool if both are known now."""
         if isinstance(a, Flag) or isinstance(b, Flag):
             return self.opposite(self.differ(a, b))
         return self.p.operation("equal", a, b) if isinstance(a, Value) or isinstance(b, Value) else a == b
 
     def differ(self, a: Any, b: Any) -> Any:
-        """Return a != b."""
+        """Return the flag a != b, or a bool if both are known now."""
         if isinstance(a, Flag) or isinstance(b, Flag):
             first, second = (self.number(one, FLAG, "a flag") for one in (a, b))
             return self.p.choose(Flag.of(first), self.opposite(second), second)
         return self.opposite(self.equal(a, b))
 
     def opposite(self, condition: Any) -> Any:
-        """Return the opposite of a condition."""
+        """Return the negated condition, a flag or a bool."""
         condition = condition.condition if isinstance(condition, Weighed) else condition
         return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
 
     def both(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left and right`."""
+        """Return the value of `left and right`."""
         return self._joined("and", left, right)
 
     def either(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left or right`."""
+        """Return the value of `left or right`."""
         return self._joined("or", left, right)
 
     def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left and right`, or with `or`; a branch if the right side loads, calls or stores."""
+        """Return the value of `left and right`, or with `or`. It becomes a branch if `right` loads, calls or stores."""
         left = left.condition if isinstance(left, Weighed) else left
         if not isinstance(left, Value):
             return right() if bool(left) == (op == "and") else left
@@ -194,7 +197,10 @@ class Tracer(Names):
         return outcome.value
 
     def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
-        """Return one of two values. Both are computed, or there is a branch if one of them loads, calls or stores."""
+        """Return `then()` if a condition holds, else `otherwise()`.
+
+        Both are computed, unless one of them loads, calls or stores; then a branch selects.
+        """
         condition = test.condition if isinstance(test, Weighed) else test
         if not isinstance(condition, Value):
             return then() if condition else otherwise()
@@ -219,7 +225,7 @@ class Tracer(Names):
         return outcome.value
 
     def is_pure(self, bodies: Sequence[list[Statement]], what: str) -> bool:
-        """Return whether blocks only compute values; their statements then join the present block."""
+        """Return True if blocks only compute values. Then their statements are added to the present block."""
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
         if not pure and self.iterations is not None:
@@ -231,7 +237,7 @@ class Tracer(Names):
     # --- memory
 
     def item(self, owner: Any, place: Any) -> Any:
-        """Return an element of an array, or of a tuple that is known when the procedure is built."""
+        """Return the element at `place` of an array, or of a tuple that is known when the procedure is built."""
         if isinstance(owner, Memory):
             return owner[self.place(owner, place, stored=False)]
         if isinstance(place, Value):
@@ -239,7 +245,7 @@ class Tracer(Names):
         return owner[place]
 
     def place(self, array: Memory, place: Any, *, stored: bool) -> Value:
-        """Return an index of an array. Raises Error if it is not allowed there."""
+        """Return an index of an array as a value. Raises Error if an `each` forbids access at this index."""
         if not isinstance(place, Value) and isinstance(place, int) and place < 0:
             raise Error(f"the place {place} counts from the end, which a procedure does not know.")
         index = self.number(place, WHOLE, "a place")
@@ -248,7 +254,7 @@ class Tracer(Names):
         return index
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
-        """Return the part of an array from an index on."""
+        """Return the part of an array from index `lower` on, or a slice of a tuple."""
         if not isinstance(owner, Memory):
             return owner[lower:upper]
         if upper is not None:
@@ -260,7 +266,7 @@ class Tracer(Names):
         return made
 
     def store(self, owner: Any, place: Any, value: Any) -> None:
-        """Set an element."""
+        """Set the element of an array at index `place`."""
         if not isinstance(owner, Memory):
             raise Error(f"{described(owner)} is known when the procedure is built: only arrays can be set.")
         if owner.array.read:
@@ -274,7 +280,7 @@ class Tracer(Names):
         setattr(owner, field, self.number(value, owner.kind_of(field), f"the field {field}"))
 
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
-        """Copy a part of an array to a part of another."""
+        """Copy the part `first:last` of an array to the part `lower:upper` of another."""
         count = self.extent(lower, upper)
         there = None if last is None else self.extent(first, last)
         if isinstance(count, int) and isinstance(there, int) and count != there:
@@ -282,14 +288,14 @@ class Tracer(Names):
         self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
-        """Set each element of a part of an array."""
+        """Set each element of the part `lower:upper` of an array to a value."""
         part = self.part(target, lower, None)
         number = self.number(value, part.array.kind, "the element")
         with self.p.each(self.extent(lower, upper)) as i:
             part[i] = number
 
     def extent(self, lower: Any, upper: Any) -> Any:
-        """Return the number of elements from an index to another."""
+        """Return the number of elements from index `lower` to `upper`."""
         if upper is None:
             raise Error("a part that is written has an end: write b[:n] = a[:n].")
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
@@ -297,11 +303,11 @@ class Tracer(Names):
     # --- calls
 
     def local(self, function: Callable[..., Any]) -> Local:
-        """Return the wrapper of a function that is defined inside another."""
+        """Return a function that is defined inside another as a `Local`, which is inlined into its callers."""
         return Local(function)
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return the result of a call: a procedure is called, an inline function is written out."""
+        """Return the result of a call. A call of a procedure is a statement; an inline function is written out."""
         if function in (likely, unlikely):
             return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
@@ -324,7 +330,7 @@ class Tracer(Names):
         return self._of_values(function, args, options)
 
     def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
-        """Return the results of a procedure for its arguments, with bundles expanded."""
+        """Return the results of a procedure for its arguments. A bundle among them is passed field by field."""
         self._outside_each(callee.name)
         if len(args) != len(callee.parameters):
             raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
@@ -340,7 +346,7 @@ class Tracer(Names):
             raise Error(f"an iteration of an `each` calls {callee}: use `range`.")
 
     def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Return the result of a Python function of run-time values."""
+        """Return the result of a Python function whose arguments are not known until run time, such as `max`."""
         if function is float:
             return self.p.real(*args)
         if function is int:

@@ -25,7 +25,7 @@ PACKAGE = FRONT.parents[1]
 
 
 class _Stored:
-    """The rewritten functions of one source file, by first line, name, and whether they are inlined."""
+    """The rewritten functions of one source file. The key is the first line, the name, and whether it is inlined."""
 
     def __init__(self, file: str) -> None:
         self.path = Path(cache_from_source(file)).with_suffix(".plain")
@@ -54,7 +54,7 @@ class _Stored:
 
 @cache
 def _front_end() -> str:
-    """Return the digest of what all rewritten functions depend on: the version of Python, and this folder."""
+    """Return the digest of what every rewritten function depends on: Python's version, and the files of this folder."""
     return sha256(
         b"".join([sys.version.encode(), *(path.read_bytes() for path in sorted(FRONT.glob("*.py")))])
     ).hexdigest()
@@ -65,14 +65,14 @@ _STORED: dict[str, _Stored] = {}
 
 
 def _stored(file: str) -> _Stored | None:
-    """Return the stored functions of a file, or None for one that is not in this package."""
+    """Return the stored functions of a file, or None for a file outside this package."""
     if file not in _STORED and Path(file).is_relative_to(PACKAGE):
         _STORED[file] = _Stored(file)
     return _STORED.get(file)
 
 
 def rewritten_code(function: FunctionType, *, inlined: bool) -> CodeType:
-    """Return the code of a rewritten function; see `rewriting`. Raises LagrangeError if it cannot be rewritten."""
+    """Return the code of a function rewritten by `rewriting`. Raises LagrangeError if it cannot be rewritten."""
     code = function.__code__
     FILES.add(code.co_filename)
     stored, key = _stored(code.co_filename), (code.co_firstlineno, code.co_qualname, inlined)

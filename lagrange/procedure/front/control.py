@@ -24,7 +24,10 @@ class WrittenLoop(Chosen):
 
 
 class Block:
-    """A part of a procedure under a condition. Names that it sets are variables, or have no value after it."""
+    """A part of a procedure under a condition, such as a branch or loop.
+
+    Names that it sets are variables, or have no value after it.
+    """
 
     where = ""
 
@@ -37,7 +40,10 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values that names have inside the block."""
+        """Return the values that names have inside the block.
+
+        `anew` are the names that it sets before it reads them.
+        """
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
@@ -48,15 +54,15 @@ class Block:
         return self.before
 
     def is_outer(self, value: Any) -> bool:
-        """Return whether a value is a variable, or a tuple of variables, of an enclosing block."""
+        """Return True if a value is a variable, or a tuple of variables, of an enclosing block."""
         return (value[0] if is_varied(value) else value) in self.outer
 
     def ended(self, ended: Exception) -> None:
-        """Record that the block has returned."""
+        """Record that the block ends by a return from the procedure."""
         self.has_ended = True
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Record the names that were set here; return their values before."""
+        """Record the values of names at the end of the block; return their values before it."""
         for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
             if old is not new:
                 self.lost.add(i)
@@ -70,7 +76,7 @@ class Block:
 
 
 class LoopBlock(Block):
-    """A loop whose body is built once."""
+    """A loop whose body is built once, over a range of indices."""
 
     where = "behind the loop that sets it"
 
@@ -84,10 +90,10 @@ class LoopBlock(Block):
 
 
 class RepeatBlock(LoopBlock):
-    """A loop while a condition holds."""
+    """A loop that runs while a condition holds."""
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
-        """Return the iterations of a `while`."""
+        """Return the single iteration in which the body of a `while` is built."""
         p = self.tracer.p
 
         def condition() -> Flag:
@@ -101,7 +107,7 @@ class RepeatBlock(LoopBlock):
 
 
 class SplicedLoop(LoopBlock):
-    """The loop over an inline generator: the statements of the generator surround those of the body."""
+    """A loop over the values of an inline generator. The generator's statements surround those of the body."""
 
     def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
         super().__init__(tracer, lambda: None)
@@ -136,7 +142,10 @@ class Branches(Block):
         return super().close(*values) if not self.has_ended else self.before
 
     def after(self) -> Sequence[Any]:
-        """Add the statement. A name that all branches set first becomes a variable, declared before it."""
+        """Add the branch statement; return the values of names after it.
+
+        A name that is set first in all branches becomes a variable, declared before the statement.
+        """
         found = list(super().after())
         ways = [(body, way) for body, way in zip(self.bodies, self.ways, strict=True) if way is not None]
         for i in sorted(self.lost):
@@ -151,7 +160,10 @@ class Branches(Block):
         return found
 
     def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
-        """Return the variable that each branch sets at its end."""
+        """Return a new variable, which each branch sets at its end.
+
+        `ways` has each branch's block and value of the name.
+        """
         tracer = self.tracer
         variable = tracer.p.variable(ZERO[kind], name)
         for body, value in ways:
@@ -172,7 +184,8 @@ class EachBlock(Block):
         self.folds: dict[int, tuple[str, Folded]] = {}
         self.index: Value | None = None
         self.visits: list[tuple[int, int, bool, bool]] = []
-        """The whole array, the part, whether at the loop index itself, and whether written, of each access."""
+        """For each access: the whole array, the part, True if the index is the loop index, and True if it is written.
+        """
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
         """Return the values that names have inside an iteration."""
@@ -192,11 +205,11 @@ class EachBlock(Block):
         self.check()
 
     def ended(self, ended: Exception) -> None:
-        """Record that the block has returned."""
+        """Raise Error, because a return inside an `each` is not allowed."""
         raise Error("an iteration of an `each` returns: use `range`.")
 
     def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
-        """Record an access to an array."""
+        """Record an access to an array at index `place`. `stored` is true for a write."""
         assert self.index is not None
         own = place.ref == self.index.ref
         if stored and not own:
@@ -204,7 +217,7 @@ class EachBlock(Block):
         self.visits.append((self.tracer.root(array), array.ref, own, stored))
 
     def check(self) -> None:
-        """Raise Error for parts of one array of which one is written, unless they are declared disjoint."""
+        """Raise Error if two parts of one array are used and one is written, unless they are declared disjoint."""
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, own, _ in self.visits:
             if not self.disjoint and root in written and (part != written[root] or not own):
@@ -214,7 +227,7 @@ class EachBlock(Block):
                 )
 
     def fold(self, slot: int, function: Any, *values: Any) -> None:
-        """Add a value to a reduction."""
+        """Add a value, or two factors, to the reduction number `slot`. `function` is None for a sum."""
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
             raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
@@ -230,7 +243,7 @@ class EachBlock(Block):
         self.folds[slot] = op, made
 
     def folded(self, slot: int, first: Any) -> Any:
-        """Return the result of a reduction that starts with the first value of its name."""
+        """Return the result of a reduction. `first` is the value of its name before the loop."""
         tracer = self.tracer
         op, made = self.folds[slot]
         value = made.value

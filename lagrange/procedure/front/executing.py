@@ -1,7 +1,7 @@
 """Run a rewritten function on numbers, with the arithmetic of the form: the reference for tests of all machines.
 
-Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` adds in the form's order, and the
-iterations of an `each` run in a shuffled order.
+Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` adds in the form's order. With a seed,
+the iterations of an `each` run in a shuffled order.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span
 
 
 class Returned(Exception):
-    """Exception by which a function returns its value from inside blocks."""
+    """Exception that carries the result of a `return` out of nested blocks."""
 
     def __init__(self, value: Any) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class Returned(Exception):
 
 
 class Exact:
-    """The receiver that computes. `seed` sets the order of iterations; without it they run one after the other."""
+    """The receiver that computes. `seed` shuffles the iterations of each `each`; without it they run in order."""
 
     Ended = Returned
 
@@ -36,7 +36,7 @@ class Exact:
         self.random = None if seed is None else random.Random(seed)
 
     def run(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Any:
-        """Return the result of a rewritten function."""
+        """Return the result of a rewritten function for its arguments."""
         try:
             function(self, *args, **options)
         except Returned as returned:
@@ -53,44 +53,44 @@ class Exact:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return the new value of a name."""
+        """Return the new value of a name, which is `value`."""
         return value
 
     def named(self, name: str, value: Any) -> Any:
-        """Return a value; a procedure keeps its name for printed code."""
+        """Return a value unchanged. The builder's method of this name keeps the name for printed code."""
         return value
 
     def unpacked(self, value: Any, count: int) -> Any:
-        """Return the values of a tuple."""
+        """Return the values of a tuple of known length."""
         return value
 
     def note(self, said: str) -> None:
-        """Ignore a comment."""
+        """Ignore a comment: there is no code to print it in."""
 
     def leave(self, value: Any) -> None:
-        """Return from the procedure."""
+        """End the function with a result, by raising `Returned`."""
         raise Returned(value)
 
     # --- control flow
 
     def branches(self, test: Any) -> Ways:
-        """Return the branches of a condition."""
+        """Return the branch to run as the values to loop over: True, or False."""
         return Ways([bool(test)])
 
     def loop(self, *bounds: int) -> Ways:
-        """Return the loop of `range`."""
+        """Return the loop over `range(*bounds)`."""
         return Ways(range(*bounds))
 
     def sequence(self, values: Any) -> Ways:
-        """Return the loop over a tuple, or over the values of an inline generator."""
+        """Return a loop over a tuple, or over the values of an inline generator."""
         return Ways(values)
 
     def repeat(self) -> Ways:
-        """Return the loop of a `while`."""
+        """Return the loop of a `while` statement."""
         return Ways(())
 
     def each(self, count: int, **options: Any) -> Iterations:
-        """Return the loop of an `each`."""
+        """Return the loop of an `each` with `count` iterations."""
         order = list(range(count))
         if self.random is not None:
             self.random.shuffle(order)
@@ -99,19 +99,19 @@ class Exact:
     # --- operations
 
     def divide(self, a: Any, b: Any) -> Any:
-        """Return a / b."""
+        """Return a / b, infinite or NaN for b = 0."""
         return OPERATIONS["div"](a, b)
 
     def floor_divide(self, a: Any, b: Any) -> Any:
-        """Return a // b."""
+        """Return a // b of whole numbers."""
         return a // b
 
     def remainder(self, a: Any, b: Any) -> Any:
-        """Return a % b."""
+        """Return a % b of whole numbers."""
         return a % b
 
     def power(self, a: Any, b: Any) -> Any:
-        """Return a ** b."""
+        """Return a ** b, computed as the builder does."""
         return OPERATIONS["power"](float(a), float(b))
 
     def equal(self, a: Any, b: Any) -> bool:
@@ -135,24 +135,24 @@ class Exact:
         return left or right()
 
     def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
-        """Return one value or the other."""
+        """Return `then()` if the condition holds, else `otherwise()`."""
         return then() if test else otherwise()
 
     # --- memory
 
     def item(self, owner: Any, place: Any) -> Any:
-        """Return an element."""
+        """Return an element of an array or tuple."""
         value = owner[place]
         return value.item() if isinstance(value, np.generic) else value
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
-        """Return the part of an array from an index on."""
+        """Return the part of an array from index `lower` on, or a slice of a tuple."""
         if isinstance(owner, Span):
             return owner.part(lower or 0)
         return owner[lower:upper]
 
     def store(self, owner: Any, place: Any, value: Any) -> None:
-        """Set an element."""
+        """Set the element of an array at index `place`."""
         owner[place] = value
 
     def write(self, owner: Any, field: str, value: Any) -> None:
@@ -160,12 +160,12 @@ class Exact:
         setattr(owner, field, value)
 
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
-        """Copy a part of an array to a part of another."""
+        """Copy the part `first:last` of an array to the part `lower:upper` of another."""
         for i in range(upper - (lower or 0)):
             target[(lower or 0) + i] = source[(first or 0) + i]
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
-        """Set each element of a part of an array."""
+        """Set each element of the part `lower:upper` of an array to a value."""
         for i in range(lower or 0, upper):
             target[i] = value
 
@@ -176,7 +176,7 @@ class Exact:
         return function
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return the result of a call."""
+        """Return the result of a call of a procedure, inline function or Python function."""
         if hasattr(function, "computed"):
             return function.computed(self, *args, **options)
         stated = record_of(function)
@@ -188,7 +188,7 @@ class Exact:
 
 
 class Ways:
-    """The values that a loop runs over, or the branch that is taken."""
+    """The values that a loop runs over, or the flag of the branch to run."""
 
     def __init__(self, values: Any) -> None:
         self.source = values
@@ -198,7 +198,7 @@ class Ways:
         return iter(self.source)
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
-        """Return the iterations of a `while`."""
+        """Yield once for each iteration of a `while`, as long as the test holds."""
         while test():
             yield None
 
@@ -208,7 +208,7 @@ class Ways:
         return values
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of names at the end of an iteration or branch; return those for the next."""
+        """Store the values of names at the end of an iteration or branch; return them for the next."""
         self.values = values
         return values
 
@@ -222,7 +222,7 @@ class Ways:
 
 
 class Iterations(Ways):
-    """An `each`: names that its iterations set are dropped, and reductions are computed at the end."""
+    """The iterations of an `each`. Names that they set are dropped, and reductions are computed at the end."""
 
     def __init__(self, order: Sequence[int]) -> None:
         super().__init__(order)
@@ -245,12 +245,12 @@ class Iterations(Ways):
         return self.first
 
     def fold(self, slot: int, function: Any, *values: float) -> None:
-        """Add a value to a reduction."""
+        """Add a value, or two factors, to the reduction number `slot`."""
         op = function if isinstance(function, str) else REDUCTIONS[function]
         self.folds.setdefault(slot, (op, {}))[1][self.index] = values
 
     def folded(self, slot: int, first: float) -> float:
-        """Return the result of a reduction that starts with the first value of its name."""
+        """Return the result of a reduction. `first` is the value of its name before the loop."""
         if slot not in self.folds:
             return first
         op, by_index = self.folds[slot]

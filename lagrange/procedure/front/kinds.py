@@ -15,7 +15,7 @@ ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
 
 
 class Ended(Exception):
-    """Raised when the block under construction has returned the results of the procedure."""
+    """Exception for a block that has returned the results of the procedure: the builder skips what follows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Missing:
 
 @dataclasses.dataclass(frozen=True)
 class Weighed:
-    """A condition that is likely, or unlikely, to hold."""
+    """A condition that `likely` or `unlikely` marks."""
 
     condition: Any
     likely: bool
@@ -39,7 +39,7 @@ class Error(LagrangeError):
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """Yield the arguments in a bundle, in the order of its fields."""
+    """Yield the numbers and arrays in a bundle, in the order of its fields."""
     if value is None:
         return
     if isinstance(value, (tuple, list)):
@@ -53,14 +53,14 @@ def leaves(value: Any) -> Iterator[Any]:
 
 
 def is_dynamic(value: Any) -> bool:
-    """Return whether a value, or a part of it, is known at run time only."""
+    """Return True if a value, or a part of it, is known at run time only."""
     if isinstance(value, (tuple, list)):
         return any(map(is_dynamic, value))
     return isinstance(value, (Value, Memory, RecordFields, GivenFunction))
 
 
 def kind_of(value: Any) -> Kind | None:
-    """Return the kind of a number, known now or at run time, or None."""
+    """Return the kind of a number, known now or at run time, or None for another object."""
     if isinstance(value, (Value, Variable)):
         return value.kind
     for python, kind in ((bool, FLAG), (int, WHOLE), (float, REAL)):
@@ -70,7 +70,7 @@ def kind_of(value: Any) -> Kind | None:
 
 
 def common_kind(values: Sequence[Any]) -> Kind | None:
-    """Return the common kind of numbers; Python integers count as reals next to a real."""
+    """Return the common kind of numbers, or None. Python integers count as reals beside a real."""
     kinds = {kind_of(value) for value in values}
     if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
         return REAL
@@ -78,7 +78,7 @@ def common_kind(values: Sequence[Any]) -> Kind | None:
 
 
 def real(value: Value) -> Real:
-    """Return a value as a real; it must be one."""
+    """Return a value as a real. Raises Error for another kind."""
     assert isinstance(value, Real)
     return value
 
@@ -92,7 +92,7 @@ def named_kind(kind: Kind) -> str:
 
 
 def described(value: Any) -> str:
-    """Return the description of a value for a message."""
+    """Return a description of a value for a message."""
     kind = kind_of(value)
     if kind is not None:
         return named_kind(kind)

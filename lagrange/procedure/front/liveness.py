@@ -1,7 +1,7 @@
-"""Names that live on after a branch or a loop: it sets them, and they are read after it or in its next iteration.
+"""Names that are carried out of a branch or loop: set in it, and read after it or in its next iteration.
 
-Only these may have to be variables of a procedure. Every other name is a value inside its block.
-Source: A. V. Aho et al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), on a syntax tree.
+Only these may have to be variables of a procedure. Every other name is a value inside its block. Source: A. V. Aho et
+al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), on a syntax tree.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ NOTHING: Names = frozenset()
 
 
 class Carried(NamedTuple):
-    """The names that live on after a branch or loop."""
+    """The names that a branch or loop sets and that are read afterwards or in its next iteration."""
 
     on: Names
     anew: Names = NOTHING
-    """Those of the names that all branches set: their values before it do not matter."""
+    """Names among them that all branches set, so that their values before the statement do not matter."""
 
     across: Names = NOTHING
     """Names that one branch sets, and another branch reads before it sets them."""
@@ -81,7 +81,7 @@ def mentions(node: ast.AST) -> Mentions:
 
 EMPTY, RETURNS = Mentions(), Mentions(returns=True)
 LEAVES = ("ctx", "op", "ops", "annotation", "returns")
-"""Fields of syntax nodes without names that are used at run time."""
+"""Fields of syntax nodes that contain no names for run time."""
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
@@ -98,23 +98,23 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def loaded(nodes: Iterable[ast.AST]) -> Names:
-    """Return the names that are read in nodes; see `Mentions.loaded`."""
+    """Return the names that nodes read, as defined by `Mentions.loaded`."""
     return NOTHING.union(*[mentions(node).loaded for node in nodes])
 
 
 def stored(nodes: Iterable[ast.AST]) -> list[str]:
-    """Return the names that nodes set; see `Mentions.stored`."""
+    """Return the names that nodes set, as defined by `Mentions.stored`."""
     return list(dict.fromkeys([name for node in nodes for name in mentions(node).stored]))
 
 
 class _Walk:
-    """Walks a function backwards from its end. `kept` are names that functions inside may read at any time."""
+    """Backward walk over a function, from its end. `kept` are names that inner functions may read at any time."""
 
     def __init__(self, kept: Names, found: dict[ast.stmt, Carried]) -> None:
         self.kept, self.found = kept, found
 
     def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
-        """Return the names that are live before a block, given those that are live after it."""
+        """Return the names that are live before a block. `live` are the names that are live after it."""
         for statement in reversed(body):
             live = self.statement(statement, live)
         return live
@@ -139,7 +139,7 @@ class _Walk:
         return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
 
     def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
-        """Return the names that are live before a loop: those after it, and those of its iterations."""
+        """Return the names that are live before a loop: those live after it, and those its iterations read first."""
         live = behind | read
         while True:
             before = self.block(body, live) - targets

@@ -14,7 +14,7 @@ from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
 def is_varied(value: Any) -> bool:
-    """Return whether a value is a tuple of variables."""
+    """Return True if a value is a tuple of variables."""
     return isinstance(value, tuple) and bool(value) and all(isinstance(one, Variable) for one in value)
 
 
@@ -25,7 +25,7 @@ class Names:
         self.p, self.results = p, results
         self.iterations: Any = None
         self.roots: dict[int, int] = {}
-        """The whole array of each part."""
+        """For each part of an array, by number, the number of the whole array."""
         self.handed: list[Variable] = []
         """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
 
@@ -38,7 +38,7 @@ class Names:
         return Missing(name)
 
     def read(self, value: Any) -> Any:
-        """Return the value of a name, which may be a variable. Raises Error if it has none."""
+        """Return the value of a name; a variable is read now. Raises Error if the name has no value."""
         if isinstance(value, Variable):
             return value.value
         if is_varied(value):
@@ -48,7 +48,7 @@ class Names:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return the new value of a name: its variable, if it has one here, or the value."""
+        """Return the new value of a name: its variable, after setting it, if there is one here; else the value."""
         if isinstance(before, Variable) and before in self.handed:
             before.value = self.number(value, before.kind, f"`{name}`")
             return before
@@ -59,17 +59,17 @@ class Names:
         return self.named(name, value)
 
     def named(self, name: str, value: Any) -> Any:
-        """Return a value; a procedure keeps its name for printed code."""
+        """Return a value, and keep its name for printed code."""
         if name != "_" and isinstance(value, (Value, Memory)) and not self.is_named(value):
             self.p.names[value.ref] = name
         return value
 
     def is_named(self, value: Value | Memory) -> bool:
-        """Return whether a value has a name, or is a parameter."""
+        """Return True if a value has a name or is a parameter."""
         return value.ref in self.p.names or value.ref in self.unnamed
 
     def number(self, value: Any, kind: Kind, what: str) -> Value:
-        """Return a number as a value of a kind; a Python integer may be a real."""
+        """Return a number as a value of a kind; a Python integer may become a real. Raises Error for another object."""
         if isinstance(value, Weighed):
             value = value.condition
         found = kind_of(value)
@@ -86,13 +86,13 @@ class Names:
         return made
 
     def unpacked(self, value: Any, count: int) -> Sequence[Any]:
-        """Return the values of a tuple."""
+        """Return the values of a tuple. Raises Error unless there are `count`."""
         if not isinstance(value, (tuple, list)) or len(value) != count:
             raise Error(f"{count} values are expected; {described(value)} is given.")
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return the number of a name as a variable, or each of a tuple, for a branch or loop that sets it."""
+        """Return a variable with the number of a name, or one for each number of a tuple. A branch or loop sets it."""
         if is_varied(value):
             return value
         if isinstance(value, tuple) and value and all(kind_of(one) is not None for one in value):
@@ -104,18 +104,18 @@ class Names:
         self.p.note(said)
 
     def is_flag(self, value: Any) -> Flag:
-        """Return a condition. Raises Error for other values."""
+        """Return a condition as a flag. Raises Error for another value."""
         if not isinstance(value, Flag):
             raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
         return value
 
     def root(self, array: Memory) -> int:
-        """Return the whole array of a part."""
+        """Return the number of the whole array that contains a part."""
         return self.roots.get(array.ref, array.ref)
 
     @contextmanager
     def resumed(self, body: list[Statement]) -> Iterator[None]:
-        """Add statements to a block that was built before."""
+        """Context in which statements are added to a block that was built before."""
         with self.p.block() as more:
             yield
         body.extend(more)

@@ -1,4 +1,4 @@
-"""Decorators that declare a plain Python function as a procedure, or as one to be inlined into its callers."""
+"""Decorators that declare a plain Python function as a procedure, or as a function to be inlined into its callers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ _BUILDING = threading.RLock()
 
 @contextmanager
 def _building() -> Iterator[None]:
-    """Hold the lock, and collect no garbage: a collection walks through all objects, and takes longer than building."""
+    """Context that holds the lock and suspends garbage collection.
+
+    A collection walks through all objects and takes longer than building.
+    """
     with _BUILDING:
         was_enabled = gc.isenabled()
         gc.disable()
@@ -51,7 +54,7 @@ def _building() -> Iterator[None]:
 
 @dataclasses.dataclass(frozen=True)
 class Bundle:
-    """The type of a parameter that is a dataclass, whose fields are parameters with names of their own."""
+    """The type of a parameter that is a dataclass. Each field becomes a parameter with its own name."""
 
     of: type
     types: Mapping[str, Stated]
@@ -59,15 +62,15 @@ class Bundle:
 
 
 Stated = Kind | Array | Record | Callee | tuple["Stated", ...] | Bundle | type | None
-"""The type of a parameter: of a number, an array, a record, a function, a bundle (a dataclass), several, or nothing."""
+"""The type of a parameter: of a number, an array, a record, a function, a dataclass, several of these, or none."""
 
 
 class Located(LagrangeError):
-    """An error with the file and the line of the function that it comes from."""
+    """An error with the file and the line of the function that caused it."""
 
 
 class PlainFunction(Generic[Args, Result]):
-    """A plain function that a receiver can run; a direct call runs the Python function."""
+    """A plain function that a receiver can run. A direct call runs the Python function."""
 
     inlined = False
 
@@ -82,19 +85,19 @@ class PlainFunction(Generic[Args, Result]):
         return result
 
     def __reduce__(self) -> str:
-        """Return the name under which its module has it, for copies and pickles."""
+        """Return the name of this object in its module, for copies and pickles."""
         return self.__name__
 
     def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
-        """Return the result of the function in the arithmetic of the form; see `executing`."""
+        """Return the function's result in the arithmetic of the form. `seed` shuffles the iterations of an `each`."""
         return self.computed(Exact(seed), *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, run by a receiver that computes."""
+        """Return the result of the function, computed by the given receiver."""
         return exact.run(self.rewritten, **self.bound(args, kwargs))
 
     def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
-        """Return every argument by name, and the free names of the function."""
+        """Return every argument by name, and the free variables of the function."""
         try:
             given = self.signature.bind(*args, **kwargs)
         except TypeError as error:
@@ -112,7 +115,7 @@ class PlainFunction(Generic[Args, Result]):
 
 
 class Inline(PlainFunction[Args, Result]):
-    """A function that is inlined into its callers: it may take and return anything, and `yield` to a loop."""
+    """A function that is inlined into its callers. It may take and return anything, and `yield` values to a loop."""
 
     inlined = True
 
@@ -124,16 +127,16 @@ class Inline(PlainFunction[Args, Result]):
         return self if owner is None else _Method(self, owner)
 
     def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, and add its statements to the present block."""
+        """Add the statements of the function to the present block, and return its result."""
         return self.rewritten(tracer, **self.bound(args, kwargs))
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, run by a receiver that computes."""
+        """Return the result of the function, computed by the given receiver."""
         return self.rewritten(exact, **self.bound(args, kwargs))
 
 
 class _Method:
-    """An inline function of an object."""
+    """An inline method, bound to an object."""
 
     def __init__(self, inline: Inline[Any, Any], owner: Any) -> None:
         self.inline, self.owner = inline, owner
@@ -145,12 +148,12 @@ class _Method:
         return self.inline.traced(tracer, self.owner, *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the method, run by a receiver that computes."""
+        """Return the result of the method, computed by the given receiver."""
         return self.inline.computed(exact, self.owner, *args, **kwargs)
 
 
 class Plain(PlainFunction[Args, Result]):
-    """A procedure as a plain function. Parameters after `*` are known when it is built: `form(**known)`."""
+    """A procedure stated as a plain function. Parameters after `*` are known when it is built: `form(**known)`."""
 
     def __init__(
         self, function: Callable[Args, Result], *, apart: bool, types: Mapping[str, Callable[..., Any]]
@@ -161,7 +164,7 @@ class Plain(PlainFunction[Args, Result]):
         self.known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
         self._forms: MutableMapping[Hashable, Procedure] = WeakValueDictionary()
         self._kept: dict[Hashable, Procedure] = {}
-        """Forms for known numbers, texts and options. A form for other objects lives as long as it is referenced."""
+        """Forms for known numbers, texts and options. A form for other objects is kept as long as these exist."""
 
     def form(self, **known: Any) -> Procedure:
         """Return the procedure for known parameters, which is built once."""
@@ -188,7 +191,7 @@ class Plain(PlainFunction[Args, Result]):
         return self.signature.parameters[name].default
 
     def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the results of a call."""
+        """Add a call of the procedure to the present block, and return its results."""
         given = self.bound(args, kwargs)
         known = {name: given.pop(name) for name in self.known}
         late = [name for name, value in known.items() if is_dynamic(value)]
@@ -255,12 +258,12 @@ def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable
 
 
 def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
-    """Declare a plain function, a method, or a generator as one that is inlined into its callers."""
+    """Declare that a plain function, method or generator is inlined into its callers."""
     return Inline(function)
 
 
 def type_of(annotation: Any) -> Stated:
-    """Return the parameter type that an annotation denotes."""
+    """Return the parameter type for an annotation. Raises Error for an annotation without one."""
     if annotation in KINDS:
         return KINDS[annotation]
     if isinstance(annotation, (Kind, Array, Record, Callee)):
@@ -286,7 +289,7 @@ def type_of(annotation: Any) -> Stated:
 
 
 def results_of(annotation: Any) -> tuple[Kind, ...]:
-    """Return the kinds of results that a return annotation denotes."""
+    """Return the kinds of the results for a return annotation."""
     if annotation in (None, type(None)):
         return ()
     parts = typing.get_args(annotation) if typing.get_origin(annotation) is tuple else (annotation,)
@@ -295,7 +298,10 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
 
 
 def _parameter(p: Builder, name: str, stated: Stated) -> Any:
-    """Add a parameter of a type and return it. A bundle has one for each field, prefixed with the bundle's name."""
+    """Add a parameter of a type, and return it.
+
+    A bundle gives one for each field, named with the bundle's name as prefix.
+    """
     if stated is None:
         return None
     if isinstance(stated, tuple):
@@ -314,7 +320,7 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
 
 
 def _suffix(known: Mapping[str, Any]) -> str:
-    """Return the suffix for the name of a procedure built for known numbers, texts and true options."""
+    """Return the suffix, made of known numbers, texts and true options, for the name of a procedure built for them."""
     parts = []
     for name, value in known.items():
         if isinstance(value, bool):

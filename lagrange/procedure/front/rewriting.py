@@ -31,7 +31,7 @@ RECEIVER = "_t"
 LOAD, STORE = ast.Load(), ast.Store()
 LOOPS = (ast.For, ast.While)
 DIRECT = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr)
-"""Binary operators that are defined on values."""
+"""Binary operators that procedure values define."""
 
 BY_RECEIVER: Mapping[type[ast.operator], str] = {
     ast.Div: "divide",
@@ -55,7 +55,7 @@ INSTEAD: Mapping[type[ast.AST], str] = {
     ast.Await: "`await`",
     ast.Starred: "a starred target: write the names out",
 }
-"""Constructs that a plain procedure must not use, with their replacement."""
+"""Constructs that a plain procedure must not contain, each with the construct to use in its place."""
 
 
 def named(name: str) -> ast.expr:
@@ -64,7 +64,7 @@ def named(name: str) -> ast.expr:
 
 
 def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
-    """Return the syntax tree of a call `of.method(*args)`; `of` is the receiver by default."""
+    """Return the syntax tree of a call `of.method(*args)`. By default `of` is the receiver."""
     return ast.Call(ast.Attribute(named(of), method, LOAD), list(args), [])
 
 
@@ -74,7 +74,7 @@ def text(value: str) -> ast.expr:
 
 
 def lazily(value: ast.expr) -> ast.expr:
-    """Return the syntax tree of a function without arguments that computes an expression."""
+    """Return the syntax tree of a lambda without arguments that computes an expression."""
     nothing = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
     return ast.Lambda(nothing, value)
 
@@ -85,7 +85,7 @@ def put(target: str, value: ast.expr) -> ast.stmt:
 
 
 class Rewriter:
-    """Rewrites one function. `outer` are the names of enclosing functions that may be variables."""
+    """Rewrites one function. `outer` are the names in enclosing functions that may be variables."""
 
     def __init__(self, source: Source, *, inlined: bool, outer: frozenset[str] = frozenset()) -> None:
         self.tree, self.comments, self.inlined = source.tree, source.comments, inlined
@@ -94,17 +94,17 @@ class Rewriter:
         arguments = self.tree.args
         self.parameters = [arg.arg for arg in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
         self.carried = carried(self.body)
-        """The names that live on after each branch and loop."""
+        """For each branch and loop, the names that it sets and that are read afterwards or in its next iteration."""
 
         self.own = {name for names in self.carried.values() for name in names.on}
         self.changing = frozenset(self.own) | (outer - frozenset(self.parameters))
-        """Names that live on after a branch or a loop: they may be variables, or missing."""
+        """Names that a branch or loop may turn into variables, or leave without a value."""
 
         self.scoped: list[frozenset[str]] = []
         """Names of open comprehensions and lambdas."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
-        """Return the function of the receiver, the parameters, and the free names of the plain function."""
+        """Return the function of the receiver, the parameters, and the plain function's free variables `free`."""
         first = [] if self.inlined and not free and self.outer_receiver else [RECEIVER]
         names = [*first, *self.parameters, *free]
         arguments = ast.arguments(
@@ -121,19 +121,19 @@ class Rewriter:
     outer_receiver = False
 
     def fresh(self) -> str:
-        """Return a name that the function does not use."""
+        """Return a new name that the function does not use."""
         self.count += 1
         return f"_{self.count}"
 
     def refuse(self, node: ast.AST, what: str) -> LagrangeError:
-        """Return the error for a construct."""
+        """Return the error for a construct that is not allowed, with its line."""
         line = getattr(node, "lineno", self.tree.lineno)
         return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {what}.")
 
     # --- statements
 
     def block(self, body: Sequence[ast.stmt], before: int) -> list[ast.stmt]:
-        """Return the statements for a body, with its comments; `before` is the line before the body."""
+        """Return the rewritten statements of a body, with its comments. `before` is the line before the body."""
         made: list[ast.stmt] = []
         for statement in body:
             said = [self.comments[line] for line in range(before + 1, statement.lineno) if line in self.comments]
@@ -147,7 +147,7 @@ class Rewriter:
         return made
 
     def statement(self, s: ast.stmt) -> list[ast.stmt]:
-        """Return the statements for one statement."""
+        """Return the rewritten form of one statement, as a list."""
         match s:
             case Handed(value=value):
                 return [ast.Return(self.expression(value) if value is not None else None)]
@@ -177,7 +177,7 @@ class Rewriter:
         raise self.refuse(s, INSTEAD.get(type(s), f"`{type(s).__name__.lower()}`"))
 
     def assignment(self, targets: Sequence[ast.expr], value: ast.expr) -> list[ast.stmt]:
-        """Return an assignment to one or several targets."""
+        """Return the rewritten assignment to one or several targets."""
         if isinstance(targets[0], ast.Subscript) and isinstance(targets[0].slice, ast.Slice):
             return [ast.Expr(self.copy(targets[0], targets[0].slice, value))]
         if len(targets) == 1 and isinstance(targets[0], ast.Name):
@@ -189,7 +189,7 @@ class Rewriter:
         return made
 
     def to_target(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
-        """Return the assignment of a computed value to a target."""
+        """Return the assignment of a computed value to a target: a name, element, field or tuple."""
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, value)]
@@ -212,7 +212,7 @@ class Rewriter:
         return put(name, told("named", text(name), value))
 
     def copy(self, target: ast.Subscript, place: ast.Slice, value: ast.expr) -> ast.expr:
-        """Return the copy of a part of an array, or the part filled with a number."""
+        """Return the rewritten copy `a[:n] = b[:n]`, or the rewritten `a[:n] = number`."""
         here = (self.expression(target.value), self.bound(place.lower), self.bound(place.upper))
         if isinstance(value, ast.Subscript) and isinstance(value.slice, ast.Slice):
             there = (self.expression(value.value), self.bound(value.slice.lower), self.bound(value.slice.upper))
@@ -220,11 +220,11 @@ class Rewriter:
         return told("fill", *here, self.expression(value))
 
     def bound(self, place: ast.expr | None) -> ast.expr:
-        """Return the expression for an index, or None."""
+        """Return the rewritten bound of a slice, or the constant None if it has none."""
         return ast.Constant(None) if place is None else self.expression(place)
 
     def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
-        """Return `target op= value`, which evaluates the index of the target once."""
+        """Return the rewritten `target op= value`, which evaluates the index of the target once."""
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, self.binary(op, self.name(name), self.expression(value)))]
@@ -246,7 +246,7 @@ class Rewriter:
     # --- control flow
 
     def branches(self, s: ast.If) -> list[ast.stmt]:
-        """Return a condition with its two branches."""
+        """Return the rewritten `if` with its two branches."""
         ways, which = self.fresh(), self.fresh()
         chosen = ast.If(
             named(which),
@@ -258,7 +258,7 @@ class Rewriter:
         across = sorted(self.carried[s].across)
         if not across:
             return [first, *made]
-            # Names that one branch sets must not be visible in the other.
+            # A name that one branch sets is not visible in the other.
         kept, loop = self.fresh(), made[1]
         assert isinstance(loop, ast.For)
         names = ast.Tuple([ast.Name(name, STORE) for name in across], STORE)
@@ -266,7 +266,7 @@ class Rewriter:
         return [first, put(kept, ast.Tuple([named(name) for name in across], LOAD)), *made]
 
     def for_loop(self, s: ast.For, iterable: ast.expr) -> list[ast.stmt]:
-        """Return a loop over `range`, `each`, or values known when the procedure is built."""
+        """Return the rewritten loop over `range`, `each`, or values that are known when the procedure is built."""
         loop = self.fresh()
         match iterable:
             case ast.Call(func=ast.Name(id="range"), args=args, keywords=[]):
@@ -283,20 +283,20 @@ class Rewriter:
     def loop(
         self, loop: str, source: ast.expr, target: ast.expr | None, s: ast.stmt, body: Sequence[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop over the values of its receiver, each assigned to the target."""
+        """Return a rewritten loop over the values of `source`, each assigned to the target."""
         index = self.fresh()
         first = [] if target is None else self.to_target(target, named(index))
         made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
         return self.through(s, loop, source, index, self.handed(s), made)
 
     def handed(self, s: ast.stmt) -> list[str]:
-        """Return the carried names of a branch or loop, in the order in which it sets them."""
+        """Return the names that a branch or loop carries out, in the order in which it sets them."""
         return [name for name in stored([s]) if name in self.carried[s].on]
 
     def through(
         self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop around the body of a statement; `held` opens and closes it with the carried names."""
+        """Return a loop around the body of a statement. `held` names the block object that opens and closes it."""
         texts = ast.Tuple([text(name) for name in names], LOAD)
         values = [named(name) for name in names]
         anew = ast.Tuple([text(name) for name in names if name in self.carried[s].anew], LOAD)
@@ -317,7 +317,8 @@ class Rewriter:
         ]
 
     def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
-        """Return an `each`: names to which every iteration adds are reductions, others are local to an iteration."""
+        """Return a rewritten `each`: names to which each iteration adds are reductions, others local to an iteration.
+        """
         if not isinstance(s.target, ast.Name):
             raise self.refuse(s, "several indices of an `each`")
         reductions = _reductions(s.body)
@@ -341,7 +342,7 @@ class Rewriter:
         return made
 
     def local_function(self, s: ast.FunctionDef) -> list[ast.stmt]:
-        """Return a function inside another, which is inlined into its callers."""
+        """Return the rewritten definition of an inner function, which is inlined into its callers."""
         if s.decorator_list:
             raise self.refuse(s, "a decorated function inside another")
         inner = Rewriter(Source(s, self.comments), inlined=True, outer=self.changing)
@@ -408,13 +409,13 @@ class Rewriter:
         return named(name)
 
     def argument(self, arg: ast.expr) -> ast.expr:
-        """Return the expression for an argument."""
+        """Return the rewritten argument of a call."""
         if isinstance(arg, ast.Starred):
             return ast.Starred(self.expression(arg.value), LOAD)
         return self.expression(arg)
 
     def binary(self, op: ast.operator, left: ast.expr, right: ast.expr) -> ast.expr:
-        """Return a binary operation."""
+        """Return the rewritten form of `left op right`."""
         if isinstance(op, DIRECT):
             return ast.BinOp(left, op, right)
         if type(op) not in BY_RECEIVER:
@@ -422,7 +423,7 @@ class Rewriter:
         return told(BY_RECEIVER[type(op)], left, right)
 
     def comparison(self, x: ast.Compare) -> ast.expr:
-        """Return a comparison; a chain `a < b < c` is `a < b and b < c`, and b is a name or a number."""
+        """Return a rewritten comparison. A chain `a < b < c` is `a < b and b < c`, where b is a name or a number."""
         made: ast.expr | None = None
         left = x.left
         for op, right in zip(x.ops, x.comparators, strict=True):
@@ -439,7 +440,7 @@ class Rewriter:
         return made
 
     def scope(self, x: ast.ListComp | ast.GeneratorExp | ast.Lambda) -> ast.expr:
-        """Return a comprehension, which is written out, or a lambda."""
+        """Return a rewritten comprehension, which is written out when the procedure is built, or lambda."""
         if isinstance(x, ast.Lambda):
             with_names = frozenset(arg.arg for arg in x.args.args)
             self.scoped.append(with_names)
@@ -458,13 +459,13 @@ class Rewriter:
 
 
 def as_module(tree: ast.FunctionDef) -> ast.Module:
-    """Return a module with the function, for `compile`."""
+    """Return a module that contains only the function, for `compile`."""
     _place(tree, tree.lineno)
     return ast.Module([tree], [])
 
 
 def _place(node: ast.AST, line: int) -> None:
-    """Set the line of each node: its own, or that of the enclosing node."""
+    """Set the line of each node that has none: that of the enclosing node, or `line`."""
     fields = node.__dict__
     line = fields.setdefault("lineno", line)
     fields.setdefault("col_offset", 0)
@@ -483,7 +484,7 @@ Reduction = tuple[ast.stmt, ast.expr | None, list[ast.expr]]
 def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
     """Return the reductions of an `each` by name: the statement, the function (None for a sum), the values.
 
-    A name is one if its only mention in the body is `x += value`, `x = f(x, value)` or `x = fma(a, b, x)`.
+    A name is a reduction if its only mention in the body is `x += value`, `x = f(x, value)` or `x = fma(a, b, x)`.
     """
     mentions: dict[str, int] = {}
     for node in (inner for statement in body for inner in ast.walk(statement)):
@@ -506,7 +507,7 @@ def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
 
 
 def delegated(statement: ast.stmt) -> ast.stmt:
-    """Return `yield from values`, as a statement of a generator, as a loop; other statements as they are."""
+    """Return a loop in place of the statement `yield from values`; return another statement unchanged."""
     match statement:
         case ast.Expr(value=ast.YieldFrom(value=values)):
             body = ast.Expr(ast.Yield(ast.Name("yielded_", LOAD)))
@@ -519,9 +520,9 @@ RESULT = "result_"
 
 
 def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
-    """Return the body of a function with one return, at its end: code after a return in a branch moves to the other.
+    """Return the body of a function with a single return, at its end, as inlining requires.
 
-    Functions to be inlined need this form. Raises LagrangeError for a return inside a loop.
+    Code after a return in a branch moves to the other branch. Raises LagrangeError for a return in a loop.
     """
     returns = [node for node in _walk(tree.body) if isinstance(node, ast.Return)]
     last = tree.body[-1]
@@ -548,7 +549,7 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
 
 
 class Handed(ast.Return):
-    """The return of an inlined function: a Python return."""
+    """The final return of an inlined function, which stays a Python return."""
 
 
 def _native(statement: ast.stmt) -> ast.stmt:
@@ -557,7 +558,7 @@ def _native(statement: ast.stmt) -> ast.stmt:
 
 
 def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
-    """Return statements in which a return sets the results, and nothing follows it."""
+    """Return statements in which each return is replaced by an assignment of the results, and nothing follows it."""
     made: list[ast.stmt] = []
     for i, statement in enumerate(body):
         rest = body[i + 1 :]
@@ -578,13 +579,13 @@ def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
 
 
 def _ends(body: Sequence[ast.stmt]) -> bool:
-    """Return whether every path through statements ends with a return."""
+    """Return True if every path through statements ends with a return."""
     last = body[-1] if body else None
     return isinstance(last, ast.Return) or (isinstance(last, ast.If) and _ends(last.body) and _ends(last.orelse))
 
 
 def _walk(body: Iterable[ast.stmt]) -> list[ast.stmt]:
-    """Return statements and those inside them, except those of inner functions."""
+    """Return statements and all statements inside them, except those of inner functions."""
     found: list[ast.stmt] = []
     for statement in body:
         found.append(statement)

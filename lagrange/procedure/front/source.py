@@ -1,4 +1,4 @@
-"""Find the syntax tree of a function in its module, with the comments on lines of their own."""
+"""Find the syntax tree of a function in its module, with the comments that fill whole lines."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def source_of(function: FunctionType) -> Source:
 
 
 FILES: set[str] = set()
-"""Files with plain functions, for locations in messages."""
+"""Files that contain plain functions, for locations in messages."""
 
 
 @cache
 def _module(file: str) -> tuple[Mapping[int, ast.FunctionDef], Mapping[int, str]]:
-    """Return the functions of a file by their first line, decorators included, and its comments by line."""
+    """Return the functions of a file by first line (that of the first decorator), and its comments by line."""
     FILES.add(file)
     lines = linecache.getlines(file)
     functions = {

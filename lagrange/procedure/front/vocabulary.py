@@ -1,7 +1,7 @@
-"""Words of plain procedures in addition to Python's own: loops in any order, arithmetic that is rounded once, arrays.
+"""Functions and types for plain procedures beside Python's own: loops in any order, arithmetic rounded once, arrays.
 
-Every word also works on plain numbers, so that a procedure runs in Python. Their meaning in a compiled procedure is
-defined in `docs/dev/procedures.md`.
+All of them also work on plain numbers, so that a procedure runs in Python. `docs/dev/procedures.md` defines their
+meaning in a compiled procedure.
 """
 
 from __future__ import annotations
@@ -71,17 +71,17 @@ def each(count: int, **options: Any) -> range:
 
 
 def unrolled(*bounds: int) -> range:
-    """Return the indices of `range`, for a loop that is written out when the procedure is built."""
+    """Return `range(*bounds)`, for a loop that is written out when the procedure is built."""
     return range(*bounds)
 
 
 def likely(condition: bool) -> bool:
-    """Return a condition that nearly always holds: compilers lay out the code for that case."""
+    """Mark a condition that nearly always holds, and return it. Compilers optimise the code for this case."""
     return condition
 
 
 def unlikely(condition: bool) -> bool:
-    """Return a condition that hardly ever holds."""
+    """Mark a condition that hardly ever holds, and return it."""
     return condition
 
 
@@ -91,17 +91,17 @@ def fma(a: float, b: float, c: float) -> float:
 
 
 def larger(a: float, b: float) -> float:
-    """Return the larger of two numbers, NaN if either is. Python's `max` gives its first argument for NaN."""
+    """Return the larger of two numbers, NaN if either is NaN. Python's `max` returns its first argument for NaN."""
     return float(EXACT["max"](a, b))
 
 
 def smaller(a: float, b: float) -> float:
-    """Return the smaller of two numbers, NaN if either is."""
+    """Return the smaller of two numbers, NaN if either is NaN."""
     return float(EXACT["min"](a, b))
 
 
 def magnitude(a: float, b: float) -> float:
-    """Return the larger of |a| and |b|, NaN if either is. It costs processors less than `larger`."""
+    """Return the larger of |a| and |b|, NaN if either is NaN. On processors it is faster than `larger`."""
     return float(EXACT["magnitude"](a, b))
 
 
@@ -136,14 +136,14 @@ def mantissa(x: float) -> float:
 
 
 def reals(size: int, *, room: int = 1) -> Writable[float]:
-    """Return a local array of reals with undefined values, NaN in Python; see `form.Array` for `room`."""
+    """Return a local array of `size` reals with undefined values, NaN in Python. `form.Array` defines `room`."""
     made: Any = np.full(size + room - 1, math.nan)
     array: Writable[float] = made
     return array
 
 
 def wholes(size: int, *, room: int = 1) -> Writable[int]:
-    """Return a local array of whole numbers with undefined values, 0 in Python."""
+    """Return a local array of `size` whole numbers with undefined values, 0 in Python."""
     made: Any = np.zeros(size + room - 1, dtype=np.int64)
     array: Writable[int] = made
     return array
@@ -157,7 +157,7 @@ def clear(record: Any) -> None:
 
 
 def operation(name: str, *values: Any) -> Any:
-    """Return an operation of the form, by its name there, on numbers."""
+    """Return the result on numbers of the operation of the form with the given name."""
     return EXACT[name](*values)
 
 
@@ -187,7 +187,7 @@ OPERATION_OF: Mapping[Callable[..., Any], str] = {
     math.pow: "power",
     **{getattr(math, name): name for name in _LIBRARY},
 }
-"""The operation of the form for each function on numbers."""
+"""For each function on numbers, the name of its operation in the form."""
 
 REDUCTIONS: Mapping[Callable[..., Any], str] = {
     max: "most",
@@ -196,32 +196,34 @@ REDUCTIONS: Mapping[Callable[..., Any], str] = {
     magnitude: "magnitude",
     fma: "dot",
 }
-"""Functions f of `x = f(x, value)`, or `x = fma(a, b, x)`, that an `each` takes as reductions; see `form.Fold`."""
+"""Functions f for which an `each` takes `x = f(x, value)`, or `x = fma(a, b, x)`, as a reduction; the values name the
+`form.Fold`.
+"""
 
 KINDS: Mapping[Any, Kind] = {float: REAL, int: WHOLE, bool: FLAG}
-"""The kind of value that an annotation denotes."""
+"""The kind of value for each annotation."""
 
 Class = TypeVar("Class", bound=type)
 
 
 def record_of(stated: Any) -> Record | None:
-    """Return the record of a class, or None if it has none."""
+    """Return the record of a class declared by `@record`, or None for another class."""
     found = getattr(stated, "record", None)
     return found if isinstance(stated, type) and isinstance(found, Record) else None
 
 
 def form_of(stated: type) -> Record:
-    """Return the record of a class under `@record`."""
+    """Return the record of a class that is declared by `@record`."""
     found = record_of(stated)
     assert found is not None
     return found
 
 
 def record(stated: Class) -> Class:
-    """Make a class a record: its annotated fields are numbers, zero at first, in the order of the class.
+    """Declare a class as a record: its annotated fields are numbers, zero at first, in the order of the class.
 
-    A procedure takes a record as a parameter, and reads and writes its fields. In Python an instance does; in machine
-    code it is the memory of `stated.record`, a `form.Record`.
+    A procedure takes a record as a parameter, and reads and writes its fields. In Python this is an instance of the
+    class. In machine code it is memory with the layout of `stated.record`, a `form.Record`.
     """
     fields: dict[str, Kind] = {}
     for name, annotation in stated.__annotations__.items():
