@@ -1,4 +1,4 @@
-"""Print a procedure as Python source on NumPy's arrays: all iterations of an `each` are taken at once.
+"""Print a procedure as Python source on NumPy's arrays, where each `each` becomes operations on whole arrays.
 
 It is for procedures with loops over long vectors. Statements outside of an `each` are printed as in `python_source`.
 """
@@ -28,10 +28,10 @@ AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "magnitude": lambda a, b: np.maximum(abs(a), abs(b)),
     "sqrt": np.sqrt,
 }
-"""NumPy functions for operations that Python spells differently for arrays and numbers."""
+"""NumPy functions for operations that Python writes differently for arrays and numbers."""
 
 AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_equal", "equal")
-"""Operations that Python spells alike for arrays and numbers."""
+"""Operations that Python writes alike for arrays and numbers."""
 
 
 def arrays_source(procedure: Procedure) -> str:
@@ -57,7 +57,7 @@ def _largest(values: Any) -> float:
 
 
 class _ArrayPrinter(Printer):
-    """Prints one procedure. Inside of an `each` a value is an array with an entry for each iteration, or a number."""
+    """Prints one procedure. Inside an `each` a value is a number, or an array with an entry for each iteration."""
 
     each_of: Each | None = None
     count = ""

@@ -40,8 +40,8 @@ class SingularMassMatrix(RunError):
 class QuickCalls(NamedTuple):
     """Functions of (t, y) and of (t, q, v) that return the result for one state, or None if `Kernel` must be called.
 
-    Quick calls do not report errors. They return None unless the time is a float and each state is a plain NumPy array
-    of doubles of the right shape, and unless the result is finite.
+    Quick calls do not report errors. They return None if the time is not a float, if a state is not a plain NumPy array
+    of doubles of the right shape, or if the result is not finite.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -59,25 +59,28 @@ class Kernel(Protocol):
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the program's result for a state (2n,), shape `program.shape`, or for columns (2n, batch).
 
-        Columns are the last axis of the result as well; `t` is a number, or one per column (batch,).
-        `parameters` has shape (k,). Raises SingularMassMatrix.
+        Columns are also the last axis of the result. `t` is a number, or one for each column (batch,). `parameters` has
+        shape (k,). Raises SingularMassMatrix.
         """
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result for columns, one array (size, batch) for each of the program's inputs, not joined."""
+        """Return the result for columns. `inputs` has one array (size, batch) for each of the program's inputs."""
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
 
 
 class Driver(Protocol):
-    """Advances a run by many steps, without Python code for each step if the machine can."""
+    """Advances a run by many steps, with compiled code if the machine has a compiler."""
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's y a view of the driver's memory if that saves a copy. The entries of y are then lost."""
+        """Make the state's y a view of the driver's memory if that saves a copy.
+
+        The previous entries of y are lost then.
+        """
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps and record each accepted one in `times` (c,) and `rows` (c, 2n) from the first on.
+        """Try up to `budget` steps; write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
 
         On return `state` is at the last accepted step, and its count ROWS is the number of rows written. `rows` needs
         four spare doubles after its last row, because machines write whole vectors.
@@ -88,20 +91,20 @@ class TaylorDriver(Driver, Protocol):
     """A driver of Taylor steps, whose parameters may change during a run."""
 
     def watch(self, memory: Any) -> None:
-        """Find zeros of the event functions of an `EventMemory` from now on, if its record is enabled."""
+        """Find zeros of the event functions of an `EventMemory` from now on, if events are enabled in its record."""
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue with other parameters and sides of switching surfaces, (k + sides,)."""
+        """Continue with other parameters (k,) and sides of switching surfaces, joined to one array (k + sides,)."""
 
     def restart(self, state: DriverState) -> None:
-        """Reset the compensation of rounding: the state has jumped."""
+        """Set the compensation of rounding errors to zero, because the state has jumped."""
 
 
 class BlockPolynomial(NamedTuple):
-    """A callback that writes the polynomials of a block of steps, as `POLYNOMIAL` describes.
+    """A callback that writes the polynomials of a block of steps, in the layout that `POLYNOMIAL` describes.
 
-    `function` is an address or a Python function, and `given` its first argument. A block has `columns` steps in the
-    layout that the procedure `gather` writes; if `both`, the neighbouring steps are passed as well. `work` is the
+    `function` is an address or a Python function, and `given` its first argument. A block has `columns` steps, in the
+    layout that the procedure `gather` writes. If `both` is true, the neighbouring steps are passed too. `work` is the
     number of doubles of working memory. `kept` holds objects that must stay referenced while `function` is used.
     """
 
@@ -127,7 +130,7 @@ class DensePath(Protocol):
         """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return coefficients of some steps (k,) by powers of the fraction of the step, (degree + 1, 2n, k)."""
+        """Return the coefficients of steps (k,) for powers of the fraction of the step, (degree + 1, 2n, k)."""
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
         """Write the states at times (K,), sorted in the direction of the run, to `out` (2n, K) with contiguous rows.
@@ -144,10 +147,10 @@ class Series(Protocol):
         """The program of the series."""
 
     def form(self, order: int) -> str:
-        """Return one word on how the series of an order is computed, for the status card."""
+        """Return one word for the status card that says how the series of an order is computed."""
 
     def order(self, tolerance: float) -> int:
-        """Return the order that reaches a relative tolerance at the least cost."""
+        """Return the order that reaches a relative tolerance at the lowest cost."""
 
     def driver(self, order: int, parameters: FloatArray) -> TaylorDriver:
         """Return a driver of Taylor steps. Raises SingularMassMatrix if a constant mass matrix has no inverse."""
@@ -157,7 +160,7 @@ class Series(Protocol):
 
     @property
     def values(self) -> Kernel:
-        """The event functions and switching surfaces as a kernel of the state, with the parameters of the series."""
+        """The kernel of the event functions and switching surfaces. It takes the parameters of the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k times scale**k.
@@ -174,10 +177,10 @@ class Machine(Protocol):
         """The target's name, as `System.compile` takes it."""
 
     def load(self, program: Program) -> Kernel:
-        """Return a kernel of a program, compiled or interpreted."""
+        """Return a kernel for a program, compiled or interpreted."""
 
     def series(self, program: SeriesProgram) -> Series:
-        """Make a series program ready to run."""
+        """Return a series program that is ready to run."""
 
     def driver(
         self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None, projection: Any = None
@@ -189,10 +192,16 @@ class Machine(Protocol):
         """
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:
-        """Return a procedure as a Python function of numbers and arrays, which returns None, a value or a tuple."""
+        """Return a procedure as a Python function of numbers and arrays.
+
+        It returns None, a value or a tuple of values.
+        """
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
-        """Return the dense output of a kind of path. The kernels are this machine's; some paths need the `jacobian`."""
+        """Return the dense output for a kind of path.
+
+        The kernels are this machine's; some paths need the `jacobian`.
+        """
 
     def event_steps(
         self,
@@ -205,15 +214,15 @@ class Machine(Protocol):
     ) -> EventSteps | None:
         """Return a callable that takes steps with events and resets, or None if NumPy reviews many steps on arrays.
 
-        With a cheaper `screen` the dense output is computed only for steps that the screen does not decide.
+        `screen` is a cheaper dense output. With it, `dense` is computed only for steps that the screen cannot decide.
         """
 
     @property
     def processor(self) -> str:
-        """Name of the processor that code is compiled for, or an empty string without compilation."""
+        """Name of the processor that code is compiled for; empty without compilation."""
 
     def members(self, procedure: Procedure) -> MemberRuns | None:
-        """Compile a procedure over members of an ensemble; see `lagrange.algorithm.members.queue`.
+        """Compile a procedure over members of an ensemble, such as that of `lagrange.algorithm.members.queue`.
 
         Returns None if the machine does not run members in parallel lanes.
         """
@@ -227,12 +236,15 @@ class MemberRuns(Protocol):
         """Number of members that run at the same time."""
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members. Arrays are C-contiguous, of doubles or 64-bit integers. The interpreter lock is released."""
+        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+
+        The interpreter lock is released.
+        """
 
 
 @runtime_checkable
 class KernelProvider(Protocol):
-    """Makes the kernels of a model, on a machine, from its equations."""
+    """Creates the kernels of a model from its equations, on one machine."""
 
     @property
     def machine(self) -> Machine:
@@ -242,18 +254,17 @@ class KernelProvider(Protocol):
         """Return the kernel of a quantity of the system."""
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an interpreted kernel: for a few states compilation would take longer."""
+        """Return an interpreted kernel, for a few states: compilation would take longer than the evaluations."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
-        """Return nodes of the equations' graph as a function of t, q and v."""
+        """Return a kernel that evaluates nodes of the equations' graph from t, q and v."""
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
 
     @property
     def again(self) -> Callable[..., Any]:
-        """Function that makes another model on the same machine, for a statement.
+        """Function that makes the model of a statement on the same machine, for pickles and for changed statements.
 
-        Pickles call it, and other statements. It also takes the indices of independent constraints, where these are
-        known.
+        It also takes the indices of independent constraints, if these are known.
         """

@@ -1,4 +1,4 @@
-"""Calls of kernels by a model: the quick ones if possible, with a test of the result."""
+"""Calls of kernels by a model: quick calls if possible, with a test of the result."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMas
 
 
 class Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, with the parameters of its statement, created on first use.
+    """The quick calls of a model by quantity, for the parameters of its statement, created on first use.
 
     For a quantity without quick calls, both functions return None.
     """
@@ -31,7 +31,7 @@ class Quick(dict[str, QuickCalls]):
 
 
 def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
-    """Return a kernel as a function of a time and one state (2n,), by quick calls if there are any.
+    """Return a kernel as a function of a time and one state (2n,), by quick calls if it has them.
 
     The state must be a plain array of doubles. Raises SingularMassMatrix, here and in calls.
     """
@@ -48,17 +48,20 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 
 
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
-    """Return a kernel's result at one state from its quick call, or None if it has no quick call or is not finite."""
+    """Return the result of a kernel's quick call at one state.
+
+    Return None without quick calls or if it is not finite.
+    """
     quick = kernel.quick(parameters)
     return None if quick is None else quick.whole(t, y)
 
 
 def nothing(*_: Any) -> None:
-    """Return None: the caller then evaluates the kernel itself."""
+    """Return None, so that the caller evaluates the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
-    """Return whether a result may be zero at some state. Results of parameters alone are evaluated here.
+    """Return True if a result may be zero at some state. Results of parameters alone are evaluated here.
 
     Testing the results of 100,000 states takes as long as computing those of small systems.
     """
@@ -70,19 +73,19 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
 
 
 def column_of_zero(kernel: Kernel, t: Any, inputs: Sequence[FloatArray], parameters: FloatArray) -> int | None:
-    """Return the first column with a zero result, 0 for one state, or None without zeros."""
+    """Return the first column with a zero result, or None without zeros. For one state the column is 0."""
     zeros = (kernel.columns(t, [one.reshape(len(one), -1) for one in inputs], parameters) == 0.0).any(axis=0)
     return int(np.argmax(zeros)) if zeros.any() else None
 
 
 FEW_ENTRIES = 64
-"""Largest array that Python sums faster than NumPy, whose two calls take 1 us."""
+"""Largest number of entries that Python sums faster than NumPy, whose two calls take 1 us."""
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return True if every entry is finite; False also if their sum overflows.
+    """Return True if every entry is finite. Return False if one is not, and also if their sum overflows.
 
-    The sum is not NumPy's, which would warn of an overflow: public functions give no warnings.
+    Python adds the entries: NumPy would warn of an overflow, and public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

@@ -1,4 +1,4 @@
-"""Copies of compiled objects: a copy is the object itself, and a pickle is the program, compiled on first use."""
+"""Copies of compiled objects: a copy is the object itself. A pickle contains the program, compiled on first use."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class UnpickledKernel(Shared):
         return self._load(self.program)
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate the program; see `Kernel`."""
+        """Return the result of the program, as `Kernel` does."""
         return self._kernel(t, y, parameters)
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`."""
+        """Return the result of the program for every column, as `Kernel` does."""
         return self._kernel.columns(t, inputs, parameters)
 
     def __getattr__(self, name: str) -> Any:

@@ -31,13 +31,13 @@ from lagrange.machine.step_events import Reaction
 from lagrange.program.series import SeriesProgram
 
 TAYLOR_EVENT_ROOM = 4096
-"""Least number of events that are written before the loop returns; those of one step always have room."""
+"""Least number of events that are written before the loop returns. There is always space for those of one step."""
 
 
 def idle(program: SeriesProgram) -> EventMemory:
     """Return the memory of a run without events.
 
-    With it the driver returns before each step that may cross a surface.
+    With it the driver returns before each step that may cross a switching surface.
     """
     events = len(program.watched) - program.sides
     return EventMemory(program.states, program.sides, [Reaction()] * events)
@@ -51,7 +51,10 @@ def _tilts(dimension: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the read-only settings of all watched functions, one block for each setting, then the reset entries."""
+    """Return the read-only settings of all watched functions, one after the other for each setting.
+
+    The entries of the state that resets replace follow.
+    """
     own = [
         (one.direction, one.terminal, one.first, len(one.entries), int(one.root), int(one.smooth)) for one in reactions
     ]
@@ -62,7 +65,7 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
 
 class EventMemory:
-    """Memory for the watched functions of a run, `surfaces` first, then events, and for the events since the last call.
+    """Memory for the watched functions of a run, first `surfaces`, then events, and for the events since the last call.
 
     `values` evaluates the watched functions from the state, the parameters and the sides. `resets` evaluates the new
     entries of all resets from the state and the parameters (k,).
@@ -97,11 +100,11 @@ class EventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save the present record as the start of every run by the same driver with the same parameters."""
+        """Save the present record: every later run by the same driver with the same parameters starts from it."""
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
-        """Begin another run: no events, and unknown sides."""
+        """Prepare another run: no events, and unknown sides."""
         record, combinations = self._start
         ctypes.memmove(ctypes.addressof(self.record), record, len(record))
         self.combinations[:] = combinations
@@ -109,13 +112,13 @@ class EventMemory:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays."""
+        """Number of bytes of all arrays."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides of surfaces, and return where their prepared numbers begin.
+        """Set the sides of surfaces, and return the index at which their prepared numbers begin.
 
-        The numbers are in an array with `size` entries for each combination of sides.
+        These numbers are in an array with `size` entries for each combination of sides.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -124,7 +127,7 @@ class EventMemory:
         return int(self.record.numbers)
 
     def combination(self, sides: FloatArray) -> int:
-        """Return sides as a binary number, or -1 for too many surfaces and for a motion on a surface (side 0)."""
+        """Return sides as a binary number. Return -1 for too many surfaces, and for a motion on a surface (side 0)."""
         if self.surfaces == 0:
             return 0
         if len(sides) > MOST_SURFACES or not (np.abs(sides) == 1.0).all():
@@ -132,7 +135,7 @@ class EventMemory:
         return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)
 
     def sides_of(self, combination: int) -> FloatArray:
-        """Return the sides, 1.0 or -1.0, that a binary number encodes; see `combination`."""
+        """Return the sides, 1.0 or -1.0, for a binary number that `combination` returned."""
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
     def switched(self) -> list[tuple[int, int]]:
@@ -146,7 +149,7 @@ class EventMemory:
 
     @property
     def signs(self) -> NDArray[np.int64]:
-        """Sign of each watched function before the next step, its last one beyond noise; see `roots`."""
+        """Sign of each watched function before the next step: its last sign beyond noise, as `roots` defines it."""
         return self._block(SIGN)
 
     @property
@@ -166,9 +169,9 @@ class EventMemory:
 
     @property
     def due(self) -> list[tuple[int, int]]:
-        """The functions that vanish at the present state, of which one changes the motion: pairs of index, direction.
+        """Functions that are zero at the present state, if one of them changes the motion: pairs (index, direction).
 
-        The index is that of a watched function, the direction 1, -1, or 0 where it touches zero.
+        The index is that of a watched function. The direction of its change of sign is 1, -1, or 0 if it touches zero.
         """
         places, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
         return list(zip(places.tolist(), directions.tolist(), strict=True))
@@ -190,7 +193,8 @@ class EventMemory:
         if self.count == 1:
             return [(times.copy(), states.copy())]
         places = self.places[:count]
-        # NumPy sorts 8-bit and 16-bit integers by radix. Indexing rows with [order] takes ten times as long as `take`.
+        # NumPy sorts 8-bit and 16-bit integers by radix sort. Indexing rows with [order] takes ten times as long as
+        # `take`.
         order = places.astype(np.min_scalar_type(self.count)).argsort(kind="stable")
         ends = np.bincount(places, minlength=self.count).cumsum().tolist()
         times, states = times.take(order), states.take(order, axis=0)

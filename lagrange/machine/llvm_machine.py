@@ -34,7 +34,7 @@ SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
 
 
 class MembersCode:
-    """A procedure over members, see `lagrange.algorithm.members.queue`, compiled for all lanes of a vector."""
+    """A procedure over members of an ensemble, compiled for all lanes of a vector."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.lanes = lanes()
@@ -49,7 +49,10 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members; arrays are C-contiguous, of doubles or 64-bit whole numbers. Other threads run meanwhile."""
+        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+
+        Other threads run meanwhile.
+        """
         known = {**given, **self._known}
         values = [known[one.name] for one in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
@@ -69,7 +72,7 @@ class LlvmMachine:
             raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
 
     def series(self, program: SeriesProgram) -> LlvmSeries:
-        """Return a series program; each order is compiled at its first use."""
+        """Return a series program that is ready to run. Each order is compiled at its first use."""
         return LlvmSeries(program)
 
     def driver(
@@ -80,7 +83,7 @@ class LlvmMachine:
         jacobian: LlvmKernel | None = None,
         projection: LlvmKernel | None = None,
     ) -> LlvmDriver:
-        """Compile the loop over steps, or take it from the cache for other models of the same dimension."""
+        """Compile the loop over steps, or take it from the cache, which models of the same dimension share."""
         return LlvmDriver(step, kernel, parameters, jacobian, projection)
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -99,7 +102,7 @@ class LlvmMachine:
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmStepDense:
-        """Return the dense output of a kind of path, compiled at its first use."""
+        """Return the dense output for a kind of path, compiled at its first use."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
 
     def event_steps(
@@ -111,7 +114,10 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop, or None if a constant mass matrix is singular: then no dense output exists."""
+        """Return the compiled loop over steps with events.
+
+        Return None if a constant mass matrix is singular: then no dense output exists.
+        """
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

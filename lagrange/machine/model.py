@@ -41,15 +41,15 @@ State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
 
 FUNCTIONS_KEPT = 64
-"""Number of functions of events and expressions that are cached."""
+"""Largest number of cached functions of events and expressions."""
 
 SERIES_KEPT = 16
-"""Number of cached series with events, beside the series without events; each takes some 2 MB of machine code."""
+"""Largest number of cached series with events, beside the series without events. Each takes some 2 MB of machine code.
+"""
 
 UNSET = 1e-2
-"""Violation of an equation of first order, relative to its terms, at which a velocity of zero was left out.
-
-Steps of loose tolerances violate it by some 1e-3.
+"""A velocity of zero counts as not given if it violates its equation of first order by more than this, relative to the
+terms. Steps at loose tolerances violate it by some 1e-3.
 """
 
 RATES = ("rhs", "accelerations", "jacobian", "multipliers")
@@ -128,19 +128,19 @@ class Model:
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an interpreted kernel of a quantity: for a few states compilation would take longer."""
+        """Return an interpreted kernel of a quantity, for a few states: compilation would take longer."""
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
     def source(self, name: str) -> str:
         """Return the Python source of a quantity on the numpy target: a function of one state, and one of columns.
 
-        Names are generated and literals exact. Raises StatementError for a linear system too large to be printed.
+        Names are generated and literals are exact. Raises StatementError for a linear system too large to be printed.
         """
         return printed(self.interpreted(name).program)
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
-        """Return one or more nodes of the equations' graph as a function of t, q and v, interpreted."""
+        """Return an interpreted kernel that evaluates nodes of the equations' graph from t, q and v."""
         nodes, name = _nodes(nodes), text(name, "name")
         if not nodes or not name.isidentifier():
             raise StatementError(f"there is no function {shown(name)} of {len(nodes)} nodes: name it, and give a node.")
@@ -150,7 +150,7 @@ class Model:
         """Return the Taylor series of the motion on this machine, and its switching surfaces, built at the first use.
 
         `watched` are nodes of the equations' graph, such as event functions: their series follow those of the surfaces.
-        The last few series are cached. An event with another constant in it has another series.
+        The last few series are cached. An event with a different constant has a different series.
         """
         watched = _nodes(watched)
         if watched not in self._series:
@@ -162,15 +162,15 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots of radicands with a fractional power in momenta and forces; see `square_roots_in`."""
+        """The square roots of radicands with a fractional power in momenta and forces, as in `square_roots_in`."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots of bases with a fractional power in some nodes, each with its radicand.
+        """Return the square root of each base with a fractional power in some nodes, mapped to its radicand.
 
-        A Taylor series ends where a radicand is zero, and the coefficients do not show it: sqrt(x**2) continues as x.
-        A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1, as in gravity,
-        are left out: there the forces are infinite, and the steps shrink.
+        A Taylor series is valid up to a zero of the radicand, and its coefficients do not show this zero: sqrt(x**2)
+        continues as x. A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1,
+        as in gravity, are left out: there the forces are infinite, and steps become short.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
@@ -190,14 +190,14 @@ class Model:
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
 
-        Velocities of coordinates without inertia follow from their equations: StatementError refuses zeros in their
-        place, since y would rest. So do `accelerations`, `jacobian` and `multipliers`.
+        Velocities of coordinates without inertia follow from their equations. Raises StatementError if zeros are given
+        in their place, because y would stay at rest. So do `accelerations`, `jacobian` and `multipliers`.
         """
         found = self._quick_rhs(t, y) if parameters is None else None
         return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Look up the quick call of the right-hand side, which replaces this method from then on."""
+        """Return a quick result of the right-hand side or None. The quick call then replaces this method."""
         self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
 
@@ -271,7 +271,7 @@ class Model:
     ) -> FloatArray:
         """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t along states, (batch,).
 
-        `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
+        `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with other symbols.
         """
         kernel = self.function("expression", (node_of(expression, self.statement, self.equations),))
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
@@ -283,11 +283,14 @@ class Model:
         return self._call(kernel, t, self._checked_state(y), parameters)
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
-        """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
+        """Return a value for every parameter: the defaults, replaced by the values `given` by symbol or name."""
         return self._values.by_symbol(given)
 
     def parameter_array(self, given: Parameters = None) -> FloatArray:
-        """Return the parameters' values (k,) in the order that kernels take; such an array is returned as it is."""
+        """Return the values of the parameters (k,) in the order that kernels take.
+
+        An array (k,) is returned unchanged.
+        """
         return self._values.array(given)
 
     def with_defaults(self, parameters: Mapping[Any, Any]) -> Self:
@@ -301,7 +304,10 @@ class Model:
         return model
 
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
-        """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""
+        """Return the model of another statement on the same machine.
+
+        `kept` are the indices of its independent constraints.
+        """
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
         last = len(statement.constraints) - 1
@@ -310,7 +316,7 @@ class Model:
         return self._made.again(statement, rows)
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity, quickly at one plain state with the parameters of the statement."""
+        """Return a quantity at (t, y), by a quick call for one plain state with the statement's parameters."""
         if parameters is None:
             found = self._quick[name].whole(t, y)
             if found is not None:
@@ -318,7 +324,7 @@ class Model:
         return self._run(name, t, self._checked_state(y), parameters)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity, quickly at one plain state with the parameters of the statement."""
+        """Return a quantity at (t, q, v), by a quick call for one plain state with the statement's parameters."""
         if parameters is None:
             found = self._quick[name].parts(t, q, v)
             if found is not None:
@@ -355,7 +361,7 @@ class Model:
         return result
 
     def _time(self, t: float | ArrayLike, q: FloatArray) -> float | FloatArray:
-        """Return the time of one state q (n,), or one or many of a batch (n, batch)."""
+        """Return the time for a state q (n,), or the time or times for a batch q (n, batch)."""
         if type(t) is float and math.isfinite(t):
             return t
         if not isinstance(t, (list, tuple)) and not (isinstance(t, np.ndarray) and t.ndim):
@@ -370,18 +376,18 @@ class Model:
 
     @cached_property
     def _velocities_in_mass(self) -> tuple[str, ...]:
-        """The velocities that the mass matrix depends on, as a user writes them."""
+        """The velocities that the mass matrix depends on, as the user's expressions name them."""
         rows = sorted({i.place for i in self.kernel("mass_matrix").program.instructions if i.op == "state"})
         return tuple(self.layout.names(".dot")[row] for row in rows if row >= self.layout.v.start)
 
     @cached_property
     def _alone(self) -> list[int]:
-        """The coordinates whose acceleration is a plain division, which gives inf or NaN if the inertia is zero."""
+        """Indices of the coordinates whose acceleration is a plain division: infinite or NaN if the inertia is zero."""
         return [block[0] for block in self.equations.plan.blocks if len(block) == 1]
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The inertia of each coordinate of `_alone`, as a printed kernel: every run evaluates it at its start."""
+        """The kernel of the inertias of the coordinates in `_alone`. It is printed Python: every run calls it once."""
         return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone)).program)
 
     def column_without_inertia(
@@ -405,7 +411,7 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return a message on why accelerations do not exist at coordinates q, or at states (2n,) or (2n, batch)."""
+        """Return a message why accelerations do not exist at coordinates q, or at states (2n,) or (2n, batch)."""
         q = real_array(q, "q")
         if q.ndim not in (1, 2) or not q.size:
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
@@ -444,11 +450,11 @@ class Model:
 
 
 MOST_NODES = 10_000_000
-"""Largest number of nodes in a list. A list of a user's class may be endless."""
+"""Largest number of nodes in a list. The iteration over a list of a user's class may be endless."""
 
 
 def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
-    """Return nodes of a graph. Raises StatementError for anything else."""
+    """Return an iterable of graph nodes as a tuple. Raises StatementError for other objects."""
     nodes = tuple(islice(given, MOST_NODES)) if isinstance(given, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
         raise StatementError(f"{shown(given)} is not a tuple of nodes: give those of the model's equations.")
@@ -457,7 +463,7 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
 
 @runtime_checkable
 class Stated(Protocol):
-    """A system; `lagrange.System` is one."""
+    """Protocol of a system, such as `lagrange.System`."""
 
     statement: Statement
 
@@ -473,7 +479,7 @@ class Stated(Protocol):
 
 
 def stated(system: Any, example: str) -> Statement:
-    """Return the statement of a system or a model. Raises StatementError, with a scene as example, otherwise."""
+    """Return the statement of a system or a model. Raises StatementError for other objects, with a scene as example."""
     if not isinstance(system, (Stated, Model)):
         raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")
     return system.statement

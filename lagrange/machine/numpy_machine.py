@@ -28,11 +28,11 @@ class NumpyMachine:
     name: str = "numpy"
 
     def load(self, program: Program) -> Kernel:
-        """Return the program as Python. Programs with a large linear system are interpreted."""
+        """Return the program as printed Python. Programs with a large linear system are interpreted."""
         return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
-        """Return a series program that is interpreted."""
+        """Return a series program, which is interpreted."""
         return NumpySeries(program)
 
     def driver(
@@ -47,21 +47,21 @@ class NumpyMachine:
         return NumpyDriver(step, kernel, parameters, jacobian, projection)
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:
-        """Print a procedure as Python, once per process."""
+        """Return a procedure printed as Python, cached for the process."""
         return called(procedure)
 
     @property
     def processor(self) -> str:
-        """Empty: nothing is compiled."""
+        """The empty string: nothing is compiled."""
         return ""
 
     def members(self, procedure: Procedure) -> None:
-        """Return None: Python runs one member after the other."""
+        """Return None: Python runs members one by one."""
 
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyStepDense:
-        """Return the dense output of a kind of path, printed as Python on arrays."""
+        """Return the dense output for a kind of path, printed as Python on arrays."""
         return NumpyStepDense(kind, kernel, parameters, jacobian)
 
     def event_steps(

@@ -16,21 +16,23 @@ from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement
 
 Parameters = Mapping[Any, Any] | FloatArray | None
-"""Parameters as a user gives them: a dict over the defaults, or all values as `parameter_array` returns them.
-
-    The shape is (k,), or (k, batch) with one column for each state.
+"""Parameters as a user gives them: a dict that replaces defaults, or all values as `parameter_array` returns them.
+Their shape is (k,), or (k, batch) with one column for each state.
 """
 
 
 def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
     """Return the values in the order of the parameters, (k,)."""
-    if tuple(values) == parameters:  # hashing the symbols would take longer than the rest of this function
+    if tuple(values) == parameters:  # Hashing the symbols would take longer than the rest of this function.
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the columns of some states, by index; `parameters` unchanged if all states share them."""
+    """Return the columns of parameters for the states with some indices.
+
+    Parameters that all states share are unchanged.
+    """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
     return parameters
@@ -44,7 +46,7 @@ def by_parameters(
 ) -> FloatArray:
     """Return the results of `call(t, (q, v), parameters)` for states (2n, batch) with parameters (k, batch).
 
-    The states that share parameters (k,) are evaluated in one call.
+    States with equal parameters (k,) are evaluated in one call.
     """
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:
@@ -72,17 +74,20 @@ def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
 
 
 class ParameterValues:
-    """The parameters of a statement: its defaults, overridden by the values that a user passes."""
+    """The parameters of a statement: its defaults, replaced by the values that a user passes."""
 
     def __init__(self, statement: Statement) -> None:
         self._statement = statement
 
     def by_symbol(self, given: Mapping[Any, Any] | None) -> dict[Any, float]:
-        """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
+        """Return a value for every parameter: the defaults, replaced by the values `given` by symbol or name."""
         return dict(self._defaults) if given is None else self._overlaid(given)
 
     def array(self, given: Parameters) -> FloatArray:
-        """Return the values (k,) in the statement's order. An array, (k,) or (k, batch), is checked and returned."""
+        """Return the values (k,) in the statement's order.
+
+        An array, (k,) or (k, batch), is checked and returned unchanged.
+        """
         if given is None:
             return self._default_array
         if isinstance(given, np.ndarray):
@@ -117,7 +122,7 @@ class ParameterValues:
             )
         values = array.tolist()
         if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
-            # An array must satisfy the same conditions as a dict, which raises the error.
+            # An array must satisfy the same conditions as a dict. The dict raises the error.
             self._overlaid(dict(zip(parameters, values, strict=True)))
         return array
 
@@ -127,5 +132,5 @@ class ParameterValues:
         return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]
 
     def _may_be_negative(self, values: list[float]) -> bool:
-        """Return True if all parameters that must not be negative are not."""
+        """Return True if no parameter that must not be negative is negative."""
         return all(values[i] >= 0.0 for i in self._positive)

@@ -1,4 +1,4 @@
-"""Procedures printed as Python and run: functions to call, and the loop over steps that the drivers share."""
+"""Procedures printed as Python: functions to call, and the loop over steps that the drivers share."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ def advance(
     rows: FloatArray,
     steps: Callable[[Records, Recorded], int],
 ) -> Outcome:
-    """Take steps from the state and leave it at their end. During the steps the state is the first part of `work`.
+    """Take steps from the state, and set it to their end.
 
-    `steps` is called with the records of the run and with the arrays for accepted times and states.
+    During the steps the state is the first part of `work`. `steps` is called with the records of the run and with the
+    arrays for accepted times and states.
     """
     y = work[: len(state.y)]
     y[:] = state.y

@@ -29,10 +29,10 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(9, "float({0})"),
     "whole": Operator(9, "int({0})"),
 }
-"""Operators of Python. The other operations call functions; division is one of them because it may raise."""
+"""Operators of Python. All other operations are function calls; division is among them because it may raise."""
 
 RAISING: Mapping[str, Operator] = {**OPERATORS, "div": COMMON["div"]}
-"""Operators of Python for callers that catch errors, and for numbers that are not Python's."""
+"""Operators of Python, with division, for callers that catch errors and for numbers that are not Python's."""
 
 LITERALS = Literals("inf", "nan", ("False", "True"))
 
@@ -43,10 +43,9 @@ def source(procedure: Procedure) -> str:
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
-    """Return a procedure as a Python function.
+    """Return a procedure as a Python function, which returns None, a value or a tuple of values.
 
-    Arrays are memory views, which are fastest, or any objects with indices, or a `Span` of one. The function returns
-    None, a value or a tuple of values.
+    Arrays may be memory views, which are fastest, any objects with indices, or a `Span` of one.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
@@ -73,11 +72,11 @@ def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any
 
 
 AS_THEY_ARE = (memoryview, Span)
-"""Array types whose slices share memory."""
+"""Types of arrays whose slices share memory."""
 
 
 def part_of(array: Any, start: int) -> Any:
-    """Return the part of an array from index `start` on."""
+    """Return the part of an array from index `start` on, which shares its memory."""
     return array[start:] if isinstance(array, memoryview) else array.part(start)
 
 
@@ -133,7 +132,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Define a result and return its new name."""
+        """Print the definition of a result, and return its new name."""
         self.types[ref] = kind
         return self.name(ref)
 

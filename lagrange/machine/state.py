@@ -23,7 +23,8 @@ OUTCOMES = tuple(Outcome)
 class Outputs:
     """The states at output times (k,), sorted in the direction of the run. Taylor drivers write them during the run.
 
-    `times` has NaN after its last entry. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines write blocks.
+    The last entry of `times` is followed by NaN. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines write
+    blocks.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
@@ -32,7 +33,10 @@ class Outputs:
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
-        """Write the states at output times before `end`, on a stretch without series; see `joined` for the path."""
+        """Write the states at output times before `end`, for a stretch of the run without series.
+
+        `path` maps times (k,) to states (2n, k).
+        """
         rest = self.times[self.record.done : -1]
         count = int(np.count_nonzero((rest - end) * direction < 0))
         if count:
@@ -42,7 +46,10 @@ class Outputs:
     def joined(
         self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return states (2n, k) at the first k times. `path` maps times (k,) that are not written to states (2n, k)."""
+        """Return states (2n, k) at the first k output times.
+
+        `path` computes states (2n, k) at times that are not written.
+        """
         done, count = self.record.done, len(times)
         if done < count:
             self.states[done:count] = path(times[done:]).T
@@ -137,7 +144,7 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Reset the record of a former run by series, for readers that run before the driver begins."""
+        """Reset the record of a former run by series, for code that reads it before the driver begins."""
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
         taylor.rescalings = taylor.failures = taylor.inspect = 0
@@ -149,7 +156,7 @@ class DriverState:
 
     @property
     def cause(self) -> Outcome:
-        """The reason why the last step failed: an error too large counts as STEP_TOO_SMALL."""
+        """The reason why the last step failed. An error above the tolerance counts as STEP_TOO_SMALL."""
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:

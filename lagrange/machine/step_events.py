@@ -1,4 +1,4 @@
-"""The memory of a run by a step program with events, shared by the loop over steps and the search for events."""
+"""The memory of a run by a step program with events. The loop over steps and the search for events share it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]
 
 STEP_EVENT_ROOM = 2048
-"""Number of events, and of changes of the motion, that are written before the loop returns."""
+"""Largest number of events, and of changes of the motion, that are written before the loop returns."""
 
 
 class Reaction(NamedTuple):
-    """Settings of an event function or switching surface; see `lagrange.algorithm.taylor.watching`.
+    """Settings of an event function or switching surface.
 
     `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
-    The new values of a reset begin at `first` among the results of all resets, and replace the `entries` of the state.
-    `root` is true for a square root, and `smooth` for an event function without jumps.
+    The new values of a reset begin at index `first` of the results of all resets, and replace the `entries` of the
+    state. `root` is true for a square root, and `smooth` for an event function without jumps.
     """
 
     direction: int = 0
@@ -40,7 +40,7 @@ class Reaction(NamedTuple):
 class StepFunction(NamedTuple):
     """A compiled function that takes steps, as `STEPS` describes: its address and its first argument, the `laws`.
 
-    It uses the array `work`. The entries of the state are at the indices `entries` of it.
+    `work` is its working array, in which the state is at the indices `entries`.
     """
 
     address: int
@@ -52,8 +52,8 @@ class StepFunction(NamedTuple):
 class Happened(NamedTuple):
     """Events that machine code found since the last call: index `which`, times `when` (k,) and states `there` (k, 2n).
 
-    The changes of the motion are `rows`, after which another smooth piece begins, and the ends of the steps that were
-    cut there: `times` (m,), NaN if no step was cut, and `states` (m, 2n).
+    `rows` are the rows after which the motion changes and another smooth piece begins. `times` (m,) and `states` (m,
+    2n) are the ends of the steps that were shortened there; the time is NaN if the step was not.
     """
 
     which: WholeArray
@@ -95,18 +95,21 @@ class StepEventMemory:
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Begin another run by the same driver: no steps and no events."""
+        """Prepare another run by the same driver: no steps and no events."""
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays."""
+        """Number of bytes of all arrays."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
-        """Allocate memory for copies of a run's numbers and counts, to which the loop returns after a change."""
+        """Allocate memory for copies of a run's numbers and counts.
+
+        After a change of the motion the loop restores them.
+        """
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()
 
@@ -138,4 +141,4 @@ class EventSteps(Protocol):
     """Takes steps of a driver and finds the events on them."""
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run, and return an `Outcome`, `LOOK` or `READ_EVENTS`; see `event_steps`."""
+        """Advance a run. Return an `Outcome`, or the code `LOOK` or `READ_EVENTS` of the loop in `event_steps`."""

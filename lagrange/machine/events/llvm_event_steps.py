@@ -25,22 +25,22 @@ STANDING = (
     *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
     *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
 )
-"""Names of the loop's arguments that are arrays of a `StepEventMemory`."""
+"""Arguments of the loop, by name, that are arrays of a `StepEventMemory`."""
 
 
 class SteppingDriver(Protocol):
-    """Protocol of a driver in machine code whose steps another compiled loop takes."""
+    """Protocol of a driver in machine code whose step function another compiled loop calls."""
 
     @property
     def function(self) -> StepFunction:
         """The compiled function that takes the driver's steps."""
 
     def count(self, steps: int) -> None:
-        """Count accepted steps: frequently used code is compiled again with optimization."""
+        """Count accepted steps. After many steps the code is compiled again with optimization."""
 
 
 class LlvmEventSteps:
-    """The steps of a driver with events, for one set of parameters; see `EventSteps`."""
+    """The steps of a driver with events, for one set of parameters: implements `EventSteps`."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class LlvmEventSteps:
         screen: DensePath | None,
     ) -> None:
         self._driver, self._written = driver, dense.polynomial()
-        # For implicit methods a cubic through the ends of a step is not a safe screen, since their steps are long.
+        # Implicit methods take long steps: a cubic through the ends of a step is not a safe screen for them.
         screens = screen is not None and not self._written.both
         self._screen = screen.polynomial() if screen is not None and screens else self._written
         self._kernel = kernel = _compiled(events)
@@ -97,7 +97,7 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run; see `EventSteps`."""
+        """Advance a run as `EventSteps` describes, and return the code of the reason for the return."""
         if memory is not self._memory:
             self._memory = memory
             self._code.give(self._words, _of_memory(memory))
@@ -122,5 +122,5 @@ def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _compiled(program: Program) -> LlvmKernel:
-    """Return a program in machine code, kept for other runs."""
+    """Return a program in machine code, cached for other runs."""
     return LlvmKernel(program)

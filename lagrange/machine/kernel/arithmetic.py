@@ -1,4 +1,4 @@
-"""The operations of a program on numbers: NumPy's doubles, or another arithmetic with its own table of functions."""
+"""The operations of a program on NumPy's doubles, or in another arithmetic with its own table of functions."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """A number type: its function for each operation of a program, and the conversion from a double.
+    """A number type: the function for each operation of a program, and the conversion from a double.
 
-    `systems` has the functions `factor` and `solve` of the order and the operands, if the arithmetic supports them.
+    `systems` has the functions `factor` and `solve`, which take the size of the matrix and the operands, if the
+    arithmetic supports linear systems.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -42,7 +43,7 @@ class Arithmetic:
     def evaluate(
         self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
     ) -> list[Any]:
-        """Return the outputs of a program at a time, an input vector and parameters, as a list."""
+        """Return the outputs of a program, as a list, at a time, an input vector and parameters."""
         values: list[Any] = []
         for op, args, place, value, order, _ in program.instructions:
             if op == "state":

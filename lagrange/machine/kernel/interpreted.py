@@ -1,4 +1,4 @@
-"""A program and the loop that interprets it, one array operation per instruction: the readable reference."""
+"""A program, and the loop that interprets it with one array operation per instruction: the readable reference."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class InterpretedKernel:
     program: Program
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate the program; see `Kernel`."""
+        """Return the result of the program, as `Kernel` does."""
         return self._rows(t, y, y.shape[1:], parameters)
 
     def quick(self, parameters: FloatArray) -> None:
-        """Return None: no call is quick; see `Kernel`."""
+        """Return None: there are no quick calls."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`."""
+        """Return the result of the program for every column, as `Kernel` does."""
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(
@@ -82,9 +82,10 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 
 
 def _scale(a: FloatArray) -> FloatArray:
-    """Return the factors (n, k) of rows and columns of matrices (n, n, k); see `lagrange.algorithm.linear.pivoted`.
+    """Return the scale factors (n, k) of rows and columns of k symmetric matrices (n, n, k).
 
-    The factors of a matrix that is not definite are powers of two, which change no digit.
+    They are those of `lagrange.algorithm.linear.pivoted`. If a matrix is not definite they are powers of two, so that
+    scaling does not round.
     """
     diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)
@@ -99,7 +100,10 @@ def _scale(a: FloatArray) -> FloatArray:
 
 
 def _check_pivot(pivot: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
-    """Raise SingularMassMatrix for a pivot that is zero to round-off. Matrices that are not finite are skipped."""
+    """Raise SingularMassMatrix for a pivot that is zero within rounding errors.
+
+    Matrices that are not finite are skipped.
+    """
     singular = finite & (np.abs(pivot) <= PIVOT)
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)

@@ -44,8 +44,9 @@ FIELDS = (
     *("kernel", "prepared", "size", "results", "empty", "shape", "none", "array", "doubles", "float", "numpy_float"),
     *("call", "release", "retain"),
 )
-"""The record of a function, one address or count each: the kernel, the objects that it needs, and the functions of
-Python's interface that it calls."""
+"""The record of a function, an address or count for each field: the kernel, the objects that it needs, and the
+functions of Python's interface that it calls.
+"""
 
 METH_FASTCALL = 0x80
 
@@ -292,7 +293,7 @@ def _module() -> Module:
 
 @lru_cache(maxsize=1)
 def _as_documented() -> bool:
-    """Return True if a trial call reads floats and arrays correctly, and refuses other objects."""
+    """Return True if a trial call reads floats and arrays correctly and returns None for other objects."""
     if not by_layout:
         return False
     whole, parts = _made((_module(), _module().address("probe")), np.zeros(1), 4, (2,))

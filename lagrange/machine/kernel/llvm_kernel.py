@@ -23,8 +23,9 @@ from lagrange.machine.llvm.processor import lanes
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096
-"""Largest number of instructions of a program that keeps the interpreter lock for one state: releasing it takes as long
-as the call."""
+"""Largest number of instructions of a program that keeps the interpreter lock for one state: releasing the lock takes
+as long as the call.
+"""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -77,28 +78,28 @@ class LlvmKernel(Shared):
 
     @property
     def prepare_address(self) -> int:
-        """Address of ``int32_t f(double *prepared)``, which appends to the parameters the values of them alone."""
+        """Address of ``int32_t f(double *prepared)``, which writes values of parameters alone after the parameters."""
         return self._module.address(f"{self._program.name}_prepare")
 
     @property
     def prepared_size(self) -> int:
-        """The number of doubles of `prepared`."""
+        """Number of doubles in the array `prepared`."""
         return self._size
 
     @property
     def law_address(self) -> int:
-        """Address of the kernel that steps call: of the kernel in registers for small states, else `address`."""
+        """Address of the kernel that steps call: for small states the kernel in registers, else `address`."""
         name = self._program.name
         return self._module.address(f"{name}_registers") if in_registers(self._program) else self._address
 
     @property
     def columns_address(self) -> int:
-        """Address of the kernel over columns. Arguments: count, times, inputs, `prepared`, results; see `columns`."""
+        """Address of the kernel over columns. Its arguments: count, times, inputs, `prepared`, results."""
         module, _ = self._column_kernel
         return module.address(f"{self._program.name}_columns")
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
-        """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""
+        """Return the parameters followed by all values that depend on them alone. Raises SingularMassMatrix."""
         key = parameters.tobytes()
         known = self._prepared
         if known is not None and known[0] == key:
@@ -111,7 +112,7 @@ class LlvmKernel(Shared):
         return prepared
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate the program; see `Kernel`."""
+        """Return the result of the program, as `Kernel` does."""
         if y.ndim > 1:
             return self.columns(t, self._split(y), parameters)
         prepared = self.prepare(parameters)
@@ -122,7 +123,7 @@ class LlvmKernel(Shared):
         return out
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls, which keep the interpreter lock, for programs that take microseconds; see `Kernel`."""
+        """Return quick calls, or None for long programs. They keep the interpreter lock for some microseconds."""
         if len(self._program.instructions) > SHORT_PROGRAM:
             return None
         prepared, known = self.prepare(parameters), self._quick
@@ -132,7 +133,10 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`. The last block is filled up with copies of the last column."""
+        """Return the result of the program for every column, as `Kernel` does.
+
+        The last block is filled with copies of the last column.
+        """
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
         if batch == 0:
@@ -153,7 +157,7 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return the index of the first singular column of a block, by evaluating each column alone."""
+        """Return the index of the first singular column of a block. Each column is evaluated alone."""
         out = np.empty(self._program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])
@@ -167,13 +171,13 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _lanes(self) -> int:
-        # Eight lanes of working memory of a large linear system would not fit the stack.
+        # The stack has no space for the working memory of a large linear system in eight lanes.
         largest = max((i.order for i in self._program.instructions if i.op == "factor"), default=0)
         return lanes() if largest <= 64 else 1
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
-        """The module and its function as one value: threads that compile concurrently each keep their own pair."""
+        """The module and its function as one value: threads that compile concurrently each use a matching pair."""
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
@@ -181,7 +185,7 @@ class LlvmKernel(Shared):
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:
-    """Return the rows as contiguous doubles with `count` columns: the last column is repeated as often as needed."""
+    """Return the rows as contiguous doubles with `count` columns. The last column is repeated as often as needed."""
     if array.shape[1] != count:
         array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
     return np.ascontiguousarray(array, dtype=float)

@@ -35,32 +35,34 @@ from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
 
 STORED_TOGETHER = 4
-"""Doubles that kernels and steps load and store at once."""
+"""Number of doubles that kernels and steps load and store at once."""
 
 MOST_IN_REGISTERS = 8
 """Largest number of entries of a state, and of results, that are passed in registers."""
 
 SCALAR = Style(largest=LARGEST_IN_LINE, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
-"""Treatment of linear systems for one state. Those that are written out share one test of pivots, at which all their
-entries are live; systems in memory are four vectors of eight reals for each row."""
+"""Treatment of linear systems for one state. Systems that are written out share one test of pivots, at which all their
+entries are live. Systems in memory need four vectors of eight reals for each row.
+"""
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""Treatment of linear systems with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a
-column that needs pivoting is evaluated again alone."""
+"""Treatment of linear systems with one column in each lane. Matrices of up to 20 unknowns are eliminated in lanes. A
+column that needs pivoting is evaluated again alone.
+"""
 
 
 def fit(dimension: int) -> bool:
-    """Return whether kernels and steps pass states of that dimension in registers."""
+    """Return True if kernels and steps pass states of that dimension in registers."""
     return dimension <= MOST_IN_REGISTERS
 
 
 def in_registers(program: Program) -> bool:
-    """Return whether a program has a kernel in registers: steps call it, and its state is small."""
+    """Return True if a program has a kernel in registers: steps call it, and its state is small."""
     return bool(program.returned) and fit(program.states)
 
 
 def solves(program: Program) -> bool:
-    """Return whether a program may call the solver of dense systems. A small system calls it if a pivot fails."""
+    """Return True if a program may call the solver of dense systems. Small systems call it only if a pivot fails."""
     return any(instruction.op in SYSTEMS for instruction in program.instructions)
 
 
@@ -83,7 +85,7 @@ class KernelCode:
 
     @cached_property
     def scalar(self) -> tuple[Procedure, ...]:
-        """The kernel of one state, after the kernel in registers if the program has one."""
+        """The kernel for one state. If the program has a kernel in registers, that one comes first."""
         program, prepared = self.program, self.prepared
         if not in_registers(program):
             return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
@@ -95,7 +97,7 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """The procedures in other modules that the kernel calls."""
+        """The procedures of other modules that the kernel calls."""
         every = (one for made in (self.prepare, *self.scalar) for one in made.callees)
         return tuple(dict.fromkeys(one for one in every if one not in self.scalar))
 
@@ -115,12 +117,12 @@ class KernelCode:
 
     @cached_property
     def _places(self) -> list[int]:
-        """The outputs that a kernel over columns computes; the others are zero."""
+        """Indices of the outputs that a kernel over columns computes. All other outputs are zero."""
         cleared = cleared_outputs(self.program)
         return [k for k in range(len(self.program.outputs)) if k not in cleared]
 
     def _in_lanes(self, lanes: int) -> Procedure:
-        """Return the kernel of `lanes` columns, whose arguments and results are vectors."""
+        """Return the kernel for `lanes` columns, whose arguments and results are vectors."""
         outputs = [self.program.outputs[k] for k in self._places]
         by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
         signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in by_value.parameters)
@@ -128,11 +130,11 @@ class KernelCode:
 
     @property
     def _bases(self) -> list[str]:
-        """The pointer arguments of a kernel over columns: times and inputs."""
+        """The pointer arguments of a kernel over columns: times, and one for each input."""
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
-        """Return the IR of a function that evaluates one column."""
+        """Return the IR of a function that evaluates a single column."""
         e, name, program = Emitter(), self.program.name, self.program
         state, out = e.reserve("double", program.states), e.reserve("double", len(program.outputs))
         first = 0
@@ -163,7 +165,10 @@ class KernelCode:
         return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
 
     def _block(self, e: Emitter, i: str, lanes: int, given: str, by_value: Procedure) -> None:
-        """Emit the evaluation of `lanes` columns from column `i` on. Columns that need pivoting are repeated alone."""
+        """Emit the evaluation of `lanes` columns from column `i` on.
+
+        Columns that need pivoting are evaluated again alone.
+        """
         program = self.program
         kind = f"<{lanes} x double>"
         rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
@@ -183,9 +188,9 @@ class KernelCode:
 
 
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
-    """Print a procedure in lanes inside another function, and return its results as vectors.
+    """Print the statements of a procedure in lanes inside another function, and return its results as vectors.
 
-    The procedure ends at its last statement.
+    The procedure must have a single return, at its end.
     """
     printer = Printer(procedure, e=e, angles=number_of_angles(procedure.body))
     for parameter, argument in zip(procedure.parameters, arguments, strict=True):
@@ -201,14 +206,14 @@ def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[s
 
 
 def _leave_if(e: Emitter, status: str, column: str) -> None:
-    """Emit an early return from a kernel over columns, for a status that reports a singular matrix."""
+    """Emit an early return from a kernel over columns, taken if a status reports a singular matrix."""
     with e.when(e.value(f"icmp ne i32 {status}, 0")):
         e.do(f"ret i64 {column}")
         e.label(e.fresh("never"))
 
 
 def _row(e: Emitter, place: int, column: str) -> str:
-    """Return the index of entry `place` of a column."""
+    """Return the index of entry `place` of a column in a C-ordered array of all columns."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {place}')}, {column}") if place else column
 
 

@@ -1,7 +1,8 @@
 """A program printed as Python: floats for one state, NumPy rows for blocks of many.
 
-If Python raises, as for sqrt(-1.0) or 1/0.0, or if a pivot of the mass matrix cannot be trusted, the program is
-interpreted instead. The interpreter gives the right infinities and NaNs, pivots, and names singular columns.
+Python raises for operations such as sqrt(-1.0) or 1/0.0. Then, and if a pivot of the mass matrix is too small, the
+program is interpreted instead. The interpreter returns the correct infinities and NaNs, pivots, and names singular
+columns.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ LEAST_COLUMNS, MOST_COLUMNS = 64, 16384
 """Smallest and largest number of columns of a block."""
 
 PASSING_ROWS = 3
-"""Rows of inputs and results in the cache besides the working rows: an operation reads two and writes one."""
+"""Number of rows of inputs and results that are in the cache beside the working rows: an operation reads two and writes
+one.
+"""
 
 FUNCTIONS: dict[str, Any] = {
     **{one.name: one.of_float for one in ELEMENTARY.values()},
@@ -46,13 +49,13 @@ FUNCTIONS: dict[str, Any] = {
     "nan": math.nan,
     "inf": math.inf,
 }
-"""The functions of printed operations. Those of `math` raise if the result is not finite."""
+"""The functions that printed operations call. Those of `math` raise if the result is not finite."""
 
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 """Exceptions that Python raises if an operation has no finite value."""
 
 NO_NUMBERS = (*NO_VALUE, TypeError)
-"""`NO_VALUE`, and the exception for rows of a matrix in place of numbers."""
+"""`NO_VALUE`, and the exception for a matrix row where a number is expected."""
 
 CHECKS: dict[str, Any] = {
     "ndarray": np.ndarray,
@@ -60,15 +63,15 @@ CHECKS: dict[str, Any] = {
     "isfinite": math.isfinite,
     "NO_VALUE": NO_NUMBERS,
 }
-"""Names that the checks of one state use, and those that create an array of its results."""
+"""Names for the checks of one state and for creating an array of its results."""
 
 
 @lru_cache(maxsize=1)
 def tangents_are_fast() -> bool:
     """Return True if NumPy computes tangents with vectors of eight doubles, but not sines and cosines.
 
-    Then a tangent takes 1.5 ns, a sine 3 to 11; elsewhere all take as long as in the C library. NumPy has such tangents
-    on Linux only. Versions before 2.0 do not report their features.
+    Then a tangent takes 1.5 ns and a sine 3 to 11 ns. On other processors all take as long as in the C library. NumPy
+    has such tangents on Linux only. Versions before 2.0 do not report their features.
     """
     if sys.platform != "linux" or not hasattr(np.lib, "introspect"):
         return False
@@ -111,9 +114,9 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed function of parameters, which computes the values of them alone; the last result is cached.
+    """A printed outer function of parameters, which computes the values of parameters alone; its last result is cached.
 
-    The result is a function, or None if these parameters require the interpreter.
+    The result is the inner function, or None if the parameters require the interpreter.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -132,7 +135,7 @@ class _PrintedFunction:
 
 
 class PythonKernel:
-    """A program as printed Python; see `Kernel`. Threads may share one."""
+    """A program as printed Python: implements `Kernel`. Threads may share it."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -148,14 +151,14 @@ class PythonKernel:
 
     @property
     def address(self) -> int:
-        """Raises StatementError: only machine code has an address."""
+        """Raise StatementError: only machine code has an address."""
         raise StatementError(
             f"{self._program.name} is run as Python here, and has no address: take that of the llvm target, "
             f"system.compile('llvm').kernel({self._program.name!r}).address."
         )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate the program; see `Kernel`."""
+        """Return the result of the program, as `Kernel` does."""
         if y.ndim > 1:
             return self._by_blocks(self._exact_blocks, t, [y], parameters)
         function = self._one_state(parameters)
@@ -170,14 +173,14 @@ class PythonKernel:
         return out if out.shape == shape else out.reshape(shape)
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls for one state with some parameters; see `Kernel`."""
+        """Return quick calls for one state with these parameters, as `Kernel` does."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return printed functions with their checks; the function of two arrays is printed at its first call."""
+        """Return the printed functions with checks. The function of q and v is printed at its first call."""
         values = parameters.copy()
         whole = self._whole(values)
         if whole is None:
@@ -194,7 +197,7 @@ class PythonKernel:
 
     @cached_property
     def _whole(self) -> _PrintedFunction:
-        """The printed function of a state."""
+        """The printed function of a whole state y."""
         return self._checked({"y": self._program.states})
 
     @cached_property
@@ -204,13 +207,13 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
-        """Return the function of one state as arrays, with checks of arguments and results; see `StraightLines`."""
+        """Return the printed function of one state as arrays, with checks of arguments and results."""
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
         return _PrintedFunction(defined(self._lines.checked(arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`. Sines may be rounded differently than for one state."""
+        """Return the result of the program for every column. Sines may be rounded differently than for one state."""
         blocks = self._fast_blocks if tangents_are_fast() else self._exact_blocks
         return self._by_blocks(blocks, t, inputs, parameters)
 
@@ -249,7 +252,7 @@ class PythonKernel:
 
     @cached_property
     def _lines(self) -> StraightLines:
-        """The printed straight lines of the program."""
+        """The printer of the program."""
         return StraightLines(simplified(self._program))
 
     @cached_property
@@ -258,9 +261,9 @@ class PythonKernel:
 
     @cached_property
     def _exact_blocks(self) -> tuple[_PrintedFunction, int]:
-        """The function of blocks of columns with the operations of the function of one state, and its number of rows.
+        """The function of blocks of columns that does the same operations as that of one state, and its number of rows.
 
-        Paths of runs give the same digits at one step or at many.
+        With it, paths of runs have the same digits whether computed at one step or at many.
         """
         return self._printed_blocks(half_angles=False)
 

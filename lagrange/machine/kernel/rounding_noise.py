@@ -22,25 +22,26 @@ UNIT = 2.0**-53
 """Unit of round-off of doubles, 2**-53."""
 
 NO_PIVOT = 1e-12
-"""Smallest pivot, relative to its summands, that needs no row exchange."""
+"""Smallest pivot, relative to the terms that it is a sum of, that needs no row exchange."""
 
 EXACT_OPERATIONS = frozenset(("neg", "abs", "min", "max", "select"))
 """Operations that do not round."""
 
 JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
-"""Operations whose result has no noise, because its values jump. A jump of a force is not rounding, even for a state on
-its surface."""
+"""Operations whose noise is set to zero, because their values jump. A jump of a force is not rounding, even for a state
+on its surface.
+"""
 
 
 class Noisy(NamedTuple):
-    """A number, or the entries of a vector or matrix, and the size of its error."""
+    """A number, or the entries of a vector or matrix, and the bound of its error."""
 
     value: Any
     noise: Any
 
 
 def _noisy(name: str) -> Callable[..., Noisy]:
-    """Return an operation on numbers with noise. It is evaluated at both ends of each argument's error interval."""
+    """Return an operation on numbers with noise. It evaluates both ends of the error interval of each argument."""
     operation, own = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
     def apply(*args: Noisy) -> Noisy:
@@ -52,7 +53,8 @@ def _noisy(name: str) -> Callable[..., Noisy]:
         for k, one in enumerate(args):
             if one.noise:
                 ends = [operation(*values[:k], one.value + sign * one.noise, *values[k + 1 :]) for sign in (-1, 1)]
-                # The change may be lost in rounding, as in 1 + x: take each end's distance from the value.
+                # The change may be lost in rounding, as in 1 + x. So the error also includes the distance of each end
+                # from the value.
                 noise += float(np.fmax(abs(float(ends[1]) - float(value)), abs(float(ends[0]) - float(value))))
         return Noisy(value, noise)
 
@@ -78,7 +80,7 @@ def _linear(name: str) -> Callable[..., Noisy]:
 
 
 def _factor(order: int, *entries: Noisy) -> Noisy:
-    """Return a symmetric matrix from its lower triangle, and its noise."""
+    """Return a symmetric matrix, given by its lower triangle, and its noise."""
     rows = np.tril_indices(order)
     value, noise = np.zeros((2, order, order))
     value[rows], noise[rows] = [one.value for one in entries], [one.noise for one in entries]
@@ -90,8 +92,8 @@ def _factor(order: int, *entries: Noisy) -> Noisy:
 def _factorization_sizes(matrix: FloatArray) -> FloatArray:
     """Return |L| |D| |L^T| (n, n) for M = L D L^T (n, n), or |M| if M has such factors only with row exchanges.
 
-    An entry can be zero in M but not in the factors: a constraint adds G M^-1 G^T to the zeros below M.
-    Source: Higham, theorem 10.3.
+    An entry may be zero in M but not in the factors: a constraint adds G M^-1 G^T to the zero block of M. Source:
+    Higham, theorem 10.3.
     """
     sizes, rest = abs(matrix), matrix.copy()
     for k in range(len(matrix)):
@@ -104,9 +106,9 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 
 
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
-    """Return the solution of a linear system, with noise |M^-1| times the noise of its residual.
+    """Return the solution of a linear system. Its noise is |M^-1| times the noise of the residual.
 
-    M is factored in floating point: its noise is the rounding of the numbers in its factorization.
+    M is factored in floating point; its noise is the rounding of the numbers in this factorization.
     """
     value, noise = np.array([one.value for one in right]), np.array([one.noise for one in right])
     inverse = np.linalg.inv(matrix.value)

@@ -44,10 +44,10 @@ LARGEST_IN_PYTHON = 12
 """Largest matrix whose factors L D L^T are written out."""
 
 STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivoting=False, early=False)
-"""Style for straight lines: all systems are written out, and the interpreter solves those that need pivoting."""
+"""Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test them, faster than through a tuple."""
+"""Largest number of results that are added one by one to test them: then this is faster than a sum over a tuple."""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
@@ -57,14 +57,15 @@ UFUNCS: Mapping[str, str] = {
 
 
 def fits(program: Program) -> bool:
-    """Return whether every linear system of a program is small enough to be written out."""
+    """Return True if every linear system of a program is small enough to be written out."""
     return all(one.order <= LARGEST_IN_PYTHON for one in program.instructions if one.op in ("factor", "solve"))
 
 
 class StraightLines:
-    """A program as straight-line Python. Each text defines `name(p)`, which returns the inner function or None.
+    """Prints a program as straight-line Python. Each text defines `name(p)`, the outer function.
 
-    The outer function computes values of parameters alone. It returns None if these values need the interpreter.
+    The outer function computes the values of parameters alone. It returns the inner function, or None if these values
+    need the interpreter.
     """
 
     def __init__(self, program: Program) -> None:
@@ -81,19 +82,19 @@ class StraightLines:
         return _Floats(self.inner).source(self)
 
     def checked(self, arrays: Mapping[str, int]) -> str:
-        """Return `def name(p)` as `scalar` does, for a function of t and of arrays with these numbers of entries.
+        """Return `def name(p)` whose inner function takes t and arrays with these numbers of entries.
 
-        The inner function returns a new array with finite entries. It returns None if t is not a float, if an array is
-        not a plain array of doubles of its length, if a result is not finite, and if Python raises. It is a single
+        The inner function returns a new array with finite entries. It returns None in four cases: t is not a float; an
+        argument is not a plain array of doubles of its length; a result is not finite; Python raises. It is a single
         function, because a call of another function takes as long as three operations.
         """
         return _Checked(self.inner, arrays).source(self)
 
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
-        """Return `def name_columns(p)`, which returns a function of (t, y, out, b), and the number of rows of b.
+        """Return `def name_columns(p)`, whose inner function takes (t, y, out, b), and the number of rows of b.
 
-        The function writes out (k, m) from m times t and m numbers y[i] for each input; b are its working rows. It
-        returns False if a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines are
+        It writes the results `out` (k, m) for m times t and m numbers y[i] of each input. b are its working rows. It
+        returns False if a pivot is too small in some column, else True. With `half_angles` sines and cosines are
         computed from the tangent of half the angle.
         """
         printer = _RowPrinter(self.inner, half_angles=half_angles)
@@ -127,7 +128,7 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints the inner function on floats, inside the function that prepares its numbers."""
+    """Prints the inner function on floats, inside the outer function, which prepares its numbers."""
 
     operators = RAISING
     suffix, arguments = "", "t, y"
@@ -166,7 +167,7 @@ class _Floats(Printer):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print the use of a prepared number, or its definition in the outer function."""
+        """Print the use of a prepared number. Its definition is printed in the outer function."""
         assert isinstance(statement, (Load, Store))
         slot = f"p{self.constants[statement.place]}"
         if isinstance(statement, Load):
@@ -194,7 +195,7 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int, failure: str = "None") -> None:
-        """Print the early return for a pivot that cannot be trusted."""
+        """Print the early return for a pivot that is too small."""
         if singular in self.fixed:
             if singular not in self.constants:
                 self.once += [f"if {self.text(singular)}:", "    return None"]
@@ -216,7 +217,7 @@ class _Floats(Printer):
 
 
 class _Checked(_Floats):
-    """Prints a function on arrays with checks of its arguments and results."""
+    """Prints an inner function on arrays, with checks of its arguments and results."""
 
     def __init__(self, procedure: Procedure, arrays: Mapping[str, int]) -> None:
         super().__init__(procedure)
@@ -224,7 +225,8 @@ class _Checked(_Floats):
         self.depth = 2
 
     def unpacked(self) -> list[str]:
-        # Comparing sizes is enough if no input is a result: the rows of a matrix are lists, which cannot be added to t.
+        # Comparing sizes is enough if no input is itself a result. Rows of a matrix are lists, which cannot be added to
+        # t.
         *results, _ = operands(self.procedure.body[-1])
         returned = any(one.ref in results for one in self.procedure.parameters[1:-1])
         lines, names, first = [], [], 0
@@ -253,7 +255,7 @@ class _Checked(_Floats):
             self.put(line)
 
     def named_result(self, k: int, ref: int) -> str:
-        """Return the name of a result, which is read twice, or its literal; an expression is assigned to a name."""
+        """Return the name of a result, or its literal, because it is read twice. An expression gets a name."""
         text = self.text(ref)
         if not text.isidentifier() and ref not in self.constants:
             self.put(f"r{k} = {text}")
@@ -262,10 +264,10 @@ class _Checked(_Floats):
 
 
 class _RowPrinter(_Floats):
-    """Prints a procedure on rows, one number for each state.
+    """Prints a procedure on rows, with one number for each column.
 
-    An operation writes into the row of an operand that it reads last, else into a free row, and a result into its own
-    row. This needs few working rows: a block of columns stays in the cache, and few rows are copied.
+    A result is written to its own row. Another operation writes to the row of an operand that is not read later, or to
+    a free row. So there are few working rows: a block of columns fits the cache, and few rows are copied.
     """
 
     suffix, arguments = "_columns", "t, y, out, b"
@@ -275,12 +277,12 @@ class _RowPrinter(_Floats):
         self.half_angles, self.most, self.place = half_angles, 0, 0
         self.free: list[str] = []
         self.rows: dict[int, str] = {}
-        """Index of the working row that holds a value, by the number of the value."""
+        """Index of the working row of each value, by the number of the value."""
         self.last = {ref: i for i, one in enumerate(procedure.body) for ref in operands(one)}
-        """Index of the last statement that reads a value."""
+        """Index of the last statement that reads each value."""
         *results, _ = operands(procedure.body[-1])
         self.outputs = {ref: k for k, ref in enumerate(results)}
-        """Index of a value among the results; the last index if it is there several times."""
+        """Index of each value among the results. For a value that occurs several times it is the last one."""
 
     def unpacked(self) -> list[str]:
         given = ("y", "y", self.states), ("o", "out", len(operands(self.procedure.body[-1])) - 1), ("b", "b", self.most)
@@ -293,11 +295,14 @@ class _RowPrinter(_Floats):
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of values whose last reader is this statement."""
+        """Free the rows of those values that no later statement reads."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
-        """Return the row of a value: the row of a result, or a working row."""
+        """Return the row of a value: the row of a result, or a working row.
+
+        Without a value it is a free working row.
+        """
         if ref in self.outputs:
             row = f"o{self.outputs[ref]}"
         elif self.free:
@@ -312,7 +317,7 @@ class _RowPrinter(_Floats):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation into a row. A condition gets an array outside of the rows."""
+        """Print an operation that writes to a row. A condition gets an array of its own."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
         elif let.ref in self.uses:
@@ -345,7 +350,7 @@ class _RowPrinter(_Floats):
             case op if op in UFUNCS:
                 self.release(let.args)
                 row = self.row(let.ref)
-                # NumPy requires `out=` for functions with any number of operands.
+                # NumPy accepts `out=` with any number of operands.
                 named = "out=" if op in ("min", "max") else ""
                 square = op == "mul" and let.args[0] == let.args[1]
                 self.put(f"np.square({a}, {row})" if square else f"np.{UFUNCS[op]}({', '.join(texts)}, {named}{row})")

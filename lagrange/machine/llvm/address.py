@@ -17,17 +17,17 @@ _pointer_at = ctypes.c_void_p.from_address
 
 
 def _by_layout(array: NDArray[Any]) -> int:
-    """Read the data pointer, which follows the object's header in NumPy's C structure (0.13 us)."""
+    """Return the data pointer, read at its offset after the object's header in NumPy's C structure (0.13 us)."""
     return _pointer_at(id(array) + _HEADER).value or 0
 
 
 def _by_attribute(array: NDArray[Any]) -> int:
-    """Read the address through NumPy's attribute (1 us)."""
+    """Return the data pointer from NumPy's attribute (1 us)."""
     return int(array.ctypes.data)
 
 
 def _layout_is_as_documented() -> bool:
-    """Return whether both ways agree. This is tested because id() is an address in CPython only."""
+    """Return True if both ways agree. This is tested because id() is an address in CPython only."""
     if sys.implementation.name != "cpython":
         return False
     probes = [np.zeros(shape) for shape in (1, 7, (3, 5))]
@@ -42,7 +42,7 @@ address = _by_layout if by_layout else _by_attribute
 
 
 def workspace(count: int) -> NDArray[np.float64]:
-    """Return zeros (count,) that are aligned to a cache line."""
+    """Return an array of zeros (count,) that is aligned to a cache line."""
     spare = LINE // 8
     memory = np.zeros(count + spare)
     begin = -address(memory) % LINE // 8

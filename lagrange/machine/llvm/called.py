@@ -1,6 +1,6 @@
 """A procedure in machine code as a Python function. One block of memory holds its arguments and results.
 
-A call through ctypes takes 0.1 us for each argument, and cannot return several results.
+An ordinary call through ctypes takes 0.1 us for each argument, and cannot return several results.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class CompiledProcedure(Shared):
         self.run = _CALL(self.module.address("run"))
 
     def __call__(self, *args: Any) -> Any:
-        """Return None, a value or a tuple of values, as the procedure printed in Python does.
+        """Run the procedure; return None, a value or a tuple of values, as the procedure printed in Python does.
 
         Arguments are in the order of the parameters. Arrays must be contiguous and of the parameter's type.
         """
@@ -47,7 +47,7 @@ class CompiledProcedure(Shared):
         return found[0] if len(found) == 1 else found or None
 
     def words(self) -> NDArray[np.int64]:
-        """Return memory for the arguments and results of a call, 8 bytes each."""
+        """Return a block of memory for the arguments and results of a call, 8 bytes each."""
         return np.zeros(self.size, dtype=np.int64)
 
     def give(self, words: NDArray[np.int64], arguments: Mapping[str, Any]) -> None:
@@ -99,7 +99,7 @@ def _run(procedure: Procedure) -> str:
 
 
 def _argument(e: Emitter, place: int, kind: Any) -> str:
-    """Return an argument, read from its word in memory; a flag is a whole word there."""
+    """Return an argument, read from its 8-byte word in memory. A flag is stored as an integer."""
     if kind is FLAG:
         word = e.get("%words", place, KINDS[WHOLE])
         return f"i1 {e.value(f'icmp ne i64 {word}, 0')}"

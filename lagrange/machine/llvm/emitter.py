@@ -31,7 +31,7 @@ that many in one block.
 
 
 class Emitter:
-    """Collects the body of one function. Names are numbered, so the same calls produce the same text."""
+    """Collects the body of one function. Names are numbered, so that the same calls produce the same text."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -55,7 +55,10 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block. The branch to it cannot be predicted by LLVM, which would join the blocks."""
+        """Begin another basic block.
+
+        A condition that LLVM cannot evaluate guards it, since LLVM would join the blocks.
+        """
         if not self.zero:
             self.zero = self.reserve("i8")
             self.entry.append(f"  store volatile i8 0, ptr {self.zero}")
@@ -90,11 +93,11 @@ class Emitter:
         self.do(f"br label %{name}")
 
     def address(self, base: str, index: str | int, kind: str = "double") -> str:
-        """Return the address of an element."""
+        """Return the address of element `index` of an array that begins at `base`."""
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Return the value at a pointer. Vectors need only the alignment of their elements."""
+        """Return the value at a pointer. The alignment of the elements is enough for vectors."""
         loaded = self.value(f"load {kind}, ptr {pointer}, align 8")
         self.accesses += 1
         return loaded
@@ -122,7 +125,7 @@ class Emitter:
 
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
-        """Repeat the body for an index from `start` while below `stop`; yields the index."""
+        """Repeat the body for an index from `start` while it is below `stop`. Yields the index."""
         with self.carry(start, stop, (), step) as carried:
             yield carried.index
 
@@ -130,9 +133,9 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[LoopValues]:
-        """Repeat the body as `loop` does, with values of (kind, initial value) carried from one iteration to the next.
+        """Repeat the body as `loop` does, with values (kind, initial value) that each iteration passes to the next.
 
-        The body sets `following`, one value for each. After the loop, `values` are the last values.
+        The body sets `following`, with one entry for each value. After the loop, `values` are the last values.
         """
         name = self.fresh("loop")
         before = self.block
@@ -165,7 +168,7 @@ class Emitter:
         self.label(f"{name}.end")
 
     def function(self, signature: str) -> str:
-        """Return the whole function with a signature such as ``define i32 @f(double %t)``."""
+        """Return the text of the function, for a signature such as ``define i32 @f(double %t)``."""
         return "\n".join([f"{signature} {{", "entry:", *self.entry, *self.lines, "}", ""])
 
 
@@ -176,5 +179,5 @@ def suffix(kind: str) -> str:
 
 
 def _lanes(kind: str) -> str:
-    """Return the number of entries of a vector type."""
+    """Return the number of entries of a vector type, as text."""
     return kind[1:].partition(" ")[0]

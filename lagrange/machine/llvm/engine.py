@@ -24,7 +24,7 @@ from lagrange.statement.run_settings import check_time
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
 _ENGINES: WeakValueDictionary[bytes, _Engine] = WeakValueDictionary()
-"""Loaded engines that are still in use, by the checksum of their object code."""
+"""Loaded engines that are in use, by the checksum of their object code."""
 
 COMPILED = ObjectCode()
 
@@ -37,7 +37,7 @@ long (73 us). No right-hand side of a scene is that large.
 
 
 def dense_solver() -> tuple[Procedure, ...]:
-    """Return the procedures for linear systems that models call, compiled once per process."""
+    """Return the procedures for linear systems that kernels call, compiled once per process."""
     return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
@@ -47,9 +47,10 @@ class Module(Shared):
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
     ) -> None:
-        """Compile a text: with LLVM's loop passes if `optimize`, or `quickly`, for code that runs rarely.
+        """Compile a text of IR.
 
-        `merge` only inlines the procedures that are marked for it, and keeps their local arrays in registers. Code that
+        With `optimize` LLVM's loop passes run. With `quickly` nothing is optimized, for code that runs rarely. With
+        `merge` only the procedures marked for it are inlined, and their local arrays are kept in registers. Code that
         runs `often` is optimized whatever its size.
         """
         start()
@@ -68,7 +69,7 @@ class Module(Shared):
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-    """Return the object code of a text, after some LLVM passes over it."""
+    """Return the object code of a text. `passes` runs LLVM's passes on the module first."""
     check_time()
     parsed = llvm.parse_assembly(text)
     parsed.verify()
@@ -79,9 +80,9 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 class _Engine:
-    """The owner of an LLVM engine. Weak references to it die before LLVM frees the engine.
+    """The owner of an LLVM engine, to which weak references are safe: they expire before LLVM frees the engine.
 
-    A weak reference to the engine itself still gives it to other threads while LLVM frees it.
+    With a weak reference to the engine itself, other threads could still get it while LLVM frees it.
     """
 
     def __init__(self, engine: Any) -> None:
@@ -93,16 +94,16 @@ class _Engine:
 
 
 def _loaded(code: bytes) -> _Engine:
-    """Return an engine that has linked some object code and owns its memory: the same engine while it is in use.
+    """Return an engine that has linked object code, and owns its memory. An engine in use is returned again.
 
-    If threads compile the same text concurrently, two modules exist and the cache keeps one. The addresses of both stay
-    valid.
+    If threads compile the same text concurrently, two modules exist and the cache keeps one. The addresses of both
+    remain valid.
     """
     key = hashlib.sha256(code).digest()
     with _LINKING:
         engine = _ENGINES.get(key)
         if engine is None:
-            # An engine destroys its target machine with itself, so it gets one that compiles nothing.
+            # An engine destroys its target machine. So it gets its own, which compiles nothing.
             idle = llvm.Target.from_default_triple().create_target_machine()
             linked = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
             linked.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -112,7 +113,7 @@ def _loaded(code: bytes) -> _Engine:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's passes over loops and memory. They do not transform loops, which took most of the compile time."""
+    """Run LLVM's passes over memory. Passes that transform loops are left out: they took most of the compile time."""
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
     options.loop_vectorization = options.loop_interleaving = False
@@ -138,11 +139,11 @@ def assembly(text: str, *, optimize: bool = False) -> str:
 
 
 def linear_solver(*, often: bool) -> None:
-    """Compile the linear solver, once per process; without LLVM's passes unless a model needs it `often`.
+    """Compile the linear solver, once per process. LLVM's passes run only if a model needs the solver `often`.
 
     With the passes it takes 150 ms, more than the rest of a small model; without them 5 ms.
     """
-    # Without the lock, threads that compile first models concurrently could register symbols of a lost module.
+    # Without the lock, two threads that compile their first models could register symbols of a discarded module.
     with _LOADING:
         if often or not _linear_solver.cache_info().currsize:
             _linear_solver(often)
@@ -187,7 +188,10 @@ def _inversion() -> Module:
 
 @cache
 def _target_machine(effort: int = 2) -> Any:
-    """Return the target machine of an optimization level. All modules share it, because its set-up takes time."""
+    """Return the target machine of an optimization level, 0 to 3.
+
+    All modules share it, because its set-up takes time.
+    """
     start()
     features = llvm.get_host_cpu_features().flatten()
     return llvm.Target.from_default_triple().create_target_machine(

@@ -1,4 +1,4 @@
-"""Print the iterations of an `each` loop, as many at once as fit a vector."""
+"""Print the iterations of an `each` loop, with as many at once as fit a vector."""
 
 from __future__ import annotations
 
@@ -40,24 +40,25 @@ UNROLLED_VECTORS = 2
 
 @dataclass(frozen=True)
 class IterationBlock:
-    """Iterations of an `each` that are printed as one vector: from an offset on, limited by a mask."""
+    """Iterations of an `each` that are printed as one vector: those from an offset on that are in a mask."""
 
     each: Each
     lanes: int
     offset: str
     mask: str
     places: str
-    """The indices of the iterations, as an LLVM operand."""
+    """The vector of the indices of the iterations, as an LLVM operand."""
 
 
 class Lanes:
-    """Prints an `each`, `lanes` iterations at once."""
+    """Prints an `each` with `lanes` iterations at once."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
-        """Number of iterations of the `each` in one iteration of the machine's loop: at least one for each partial
-        sum."""
+        """Number of iterations of the `each` in one pass of the printed loop: with a sum, at least one for each partial
+        sum.
+        """
 
     def run(self) -> None:
         """Print all iterations, and define the results of their reductions."""
@@ -82,7 +83,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the scalar values from outside of the loop that the iterations use."""
+        """Return the scalar values defined outside of the loop that the iterations use."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
@@ -118,7 +119,7 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return the mask of the iterations of a vector that are below a count known only at run time."""
+        """Return the mask of the iterations in a vector whose index is below a count known only at run time."""
         stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
@@ -126,7 +127,7 @@ class Lanes:
         return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
 
     def places(self, offset: str) -> str:
-        """Return the indices of the iterations from an offset on."""
+        """Return the vector of the indices of the iterations from an offset on."""
         if self.lanes == 1:
             return offset
         if not offset.startswith("%"):
@@ -136,7 +137,7 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print the iterations from an offset on."""
+        """Print one vector of iterations, from an offset on."""
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
@@ -192,14 +193,14 @@ def eaches(block: Block) -> Iterator[Each]:
 
 
 def number_of_angles(block: Block) -> int:
-    """Return the number of sines and cosines in a block; a pair counts once."""
+    """Return the number of sines and cosines in a block. The two of one angle count once."""
     return sum(
         isinstance(one, SineCosine) or (isinstance(one, (Let, VectorLet)) and one.op in ANGLES) for one in walk(block)
     )
 
 
 def widest(block: Block) -> int:
-    """Return the largest vector width in a block, of vectors or of parallel iterations, at least 1."""
+    """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
     vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
     return max([1, *(each.width for each in eaches(block)), *vectors])
 
@@ -214,5 +215,5 @@ def base_arrays(block: Block) -> dict[int, int]:
 
 
 def number(value: str) -> int | None:
-    """Return a constant integer, or None for a value known only at run time."""
+    """Return the integer that a constant operand stands for, or None for a value known only at run time."""
     return None if value.startswith("%") else int(value)

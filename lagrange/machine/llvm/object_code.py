@@ -1,4 +1,4 @@
-"""Cache of object code by its text: the same text is compiled once in a process."""
+"""Cache of object code, with the IR text as key: a text is compiled once in a process."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from collections import OrderedDict
 from collections.abc import Callable
 
 CACHE_BYTES = 32_000_000
-"""Bytes of object code in the cache. The least recently used code is dropped first.
-
-A right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB.
+"""Largest size of the cache in bytes. The least recently used code is dropped first. A right-hand side takes some 5 kB,
+a loop over steps of an implicit method 50 kB.
 """
 
 
@@ -29,13 +28,13 @@ class ObjectCode:
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of a text and a compile mode, from the cache or by calling `compiled`."""
+        """Return the object code of a text in a compile mode `how`, from the cache or by calling `compiled`."""
         key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
         with self._lock:
             if key in self._codes:
                 self._codes.move_to_end(key)
                 return self._codes[key]
-        code = compiled()  # without the lock: two threads that compile the same text get the same code
+        code = compiled()  # No lock is held here: two threads that compile the same text get the same code.
         with self._lock:
             if key not in self._codes:
                 self._codes[key] = code

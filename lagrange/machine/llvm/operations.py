@@ -9,7 +9,7 @@ from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind,
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
-"""LLVM's type of each type of number."""
+"""LLVM's type for each kind of number."""
 
 _REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTRINSICS = {
@@ -63,20 +63,20 @@ def declarations() -> str:
 
 
 def declaration(name: str, op: str, lanes: int = 1) -> str:
-    """Return the declaration of the function for an operation on reals in `lanes` lanes."""
+    """Return the declaration of the function that computes an operation on `lanes` reals."""
     kind = type_of(REAL, lanes)
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
 
 def constant(let: Let) -> str:
-    """Return a constant as an operand."""
+    """Return the constant of a statement as an operand."""
     if let.kind is REAL:
         return literal(0.0 if let.data is None else float(let.data))
     return str(bool(let.data)).lower() if let.kind is FLAG else str(int(let.data or 0))
 
 
 def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
-    """Return a value in every lane of a vector."""
+    """Return a vector with a value in every lane."""
     if lanes == 1:
         return value
     if not value.startswith("%"):
@@ -132,7 +132,7 @@ def whole_suffix(lanes: int) -> str:
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
-    """Emit the sign of a: a itself if it is zero or NaN, else 1 or -1."""
+    """Emit the sign of a number: 1 or -1, or the number itself if it is zero or NaN."""
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
     above, below = (e.value(f"fcmp {how} {typed}, {zero}") for how in ("ogt", "olt"))
@@ -141,9 +141,9 @@ def _sign(e: Emitter, typed: str, lanes: int) -> str:
 
 
 def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
-    """Emit the larger magnitude by comparing bits: those of non-negative doubles are ordered, with NaN last.
+    """Emit the larger magnitude by comparing bits as integers. Bits of non-negative doubles are in order, NaN last.
 
-    Integer comparisons are faster than those of doubles that may be NaN.
+    Integer comparisons are faster than comparisons of doubles that may be NaN.
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     one, other = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
@@ -184,33 +184,33 @@ _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
 
 
 def result_type(results: Sequence[Type]) -> str:
-    """Return LLVM's return type for some results."""
+    """Return LLVM's return type for results of the given types."""
     return together([argument_type(kind) for kind in results])
 
 
 def foreign_type(kind: Type) -> str:
-    """Return LLVM's result type of a function called from outside: a flag is C's int."""
+    """Return LLVM's result type for a function that other code calls, where a flag is C's int."""
     return "i32" if kind is FLAG else argument_type(kind)
 
 
 def convention(results: Sequence[Type]) -> str:
-    """Return the calling convention of a function called from outside: it returns several results in registers."""
+    """Return the calling convention for a function that other code calls: several results are returned in registers."""
     return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:
-    """Return the type of a structure that holds several values."""
+    """Return the type of a structure that contains values of the given types."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the values in a structure that a call returned; `together` gives its type."""
+    """Yield the values of a structure that a call returned. Its type is `together(types)`."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Print the return of several values as one structure; `together` gives its type."""
+    """Print the return of several values as one structure of type `together(types)`."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
@@ -222,7 +222,7 @@ def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
 
 
 def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Return the phi of several incoming pairs of block and value."""
+    """Emit a phi, and return its operand. `ways` are pairs of the incoming block and the value."""
     if all(value == ways[0][1] for _, value in ways):
         return ways[0][1]
     return e.value(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for block, value in ways)}")

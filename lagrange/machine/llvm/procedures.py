@@ -94,25 +94,22 @@ from lagrange.procedure.form import (
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8
-"""Largest number of different angles whose sine and cosine are written out.
-
-More angles call a function, which bounds the compile time of a long chain.
+"""Largest number of different angles whose sine and cosine are written out. A procedure with more angles calls a
+function, which bounds the compile time of a long chain.
 """
 
 OPERATIONS_PER_BLOCK = 200
-"""Largest number of operations in one basic block of a kernel; the next operation begins another block.
-
-LLVM schedules a block as a whole: the Jacobian of a chain of 10 links compiles in 202 ms as one block, in 152 as many.
+"""Largest number of operations in one basic block of a kernel; the next operation begins another block. LLVM schedules
+a block as a whole: the Jacobian of a chain of 10 links compiles in 202 ms as one block, in 152 ms as several.
 """
 
 LARGEST_ON_STACK = 50_000
-"""Largest local array that is on the stack, in numbers (400 kB). Larger arrays are on the heap."""
+"""Largest number of entries of a local array on the stack (400 kB). Larger arrays are on the heap."""
 
 FEW_RESULTS, MOST_TOGETHER = 16, 4
-"""Largest number of results that a function called from outside stores at once, if it has few.
-
-A step loads them four at a time. A processor forwards stored values to a load only if a single store covers the load;
-otherwise a small step would take twice as long.
+"""Functions called from outside with up to 16 results store up to 4 of them at once. A step loads them four at a time.
+A processor forwards stored values to a load only if a single store covers the load. Otherwise a small step would take
+twice as long.
 """
 
 LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
@@ -124,9 +121,10 @@ ATTRIBUTES = (
     "attributes #1 = { nounwind }\n"
     "attributes #2 = { nounwind noinline optnone }\n"
 )
-"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. Other procedures
-leave the width to LLVM: else it copies blocks of four in pairs, which wait for stores of single numbers. Spills are
-aligned to cache lines. Code that runs once per set of parameters is compiled without optimization."""
+"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. For other
+procedures LLVM chooses the width: with #0 it would copy blocks of four in pairs, which wait for stores of single
+numbers. Spills are aligned to cache lines. Code that runs once per set of parameters is compiled without optimization.
+"""
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
@@ -148,7 +146,7 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
-    """Return the procedures of another module and their transitive callees."""
+    """Return the procedures that another module defines: the given ones and their transitive callees."""
     found: dict[Procedure, None] = {}
     for procedure in elsewhere:
         found |= dict.fromkeys((*procedure.callees, procedure))
@@ -169,9 +167,10 @@ def function(
     quickly: bool = False,
     outside: Container[Procedure] = (),
 ) -> str:
-    """Return the IR of one procedure. LLVM may inline a `hidden` one into its callers, and must inline a `merged` one.
+    """Return the IR of one procedure.
 
-    One that runs rarely is compiled `quickly`. Those in `outside` have the calling convention of a `Callee`.
+    LLVM may inline a `hidden` procedure into its callers, and must inline a `merged` one. A procedure that runs rarely
+    is compiled `quickly`. Procedures in `outside` have the calling convention of a `Callee`.
     """
     printer = Printer(procedure, outside=outside)
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
@@ -180,7 +179,7 @@ def function(
 class Printer(Visitor):
     """Prints one procedure.
 
-    `values` are the operands of numbers, and `held` the present operands of variables. `wide` holds the numbers and
+    `values` has the operands of numbers, and `held` the present operands of variables. `wide` has the numbers and
     variables that are vectors, with one entry for each iteration of the `current` block.
     """
 
@@ -211,9 +210,9 @@ class Printer(Visitor):
         self.memories: list[tuple[str, str, int]] = []
         """Local arrays of the open blocks: address, kind and size."""
         self.free: dict[tuple[str, int], list[str]] = {}
-        """Stack memory of closed blocks, by type and size."""
+        """Stack memory that closed blocks have released, by type and size."""
         self.together: list[tuple[int, int, str]] = []
-        """Stores that wait for adjacent ones: array, index and value."""
+        """Stores that are delayed, to be merged with adjacent ones: array, index and value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
         """Return the IR of the procedure."""
@@ -236,13 +235,13 @@ class Printer(Visitor):
         return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
 
     def result_types(self) -> list[str]:
-        """Return LLVM's types of the results. For a caller from outside flags are C's ints."""
+        """Return LLVM's types of the results. In a function called from outside, flags are C's ints."""
         return [foreign_type(kind) if self.foreign else argument_type(kind) for kind in self.procedure.results]
 
     # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Set the operand of a number; `wide` if it differs between iterations."""
+        """Set the operand of a number. `wide` is true if it is a vector over iterations."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -256,7 +255,7 @@ class Printer(Visitor):
         return found
 
     def lanes(self, ref: int) -> int:
-        """Return the number of entries of a value or a variable: the lanes of the block, or 1."""
+        """Return the number of entries of a value or variable: the lanes of the present block, or 1."""
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def llvm_type(self, ref: int) -> str:
@@ -265,7 +264,7 @@ class Printer(Visitor):
         return type_of(*kind) if isinstance(kind, Vector) else type_of(self.kinds[ref], self.lanes(ref))
 
     def operand(self, ref: int, lanes: int) -> str:
-        """Return the operand of a value with `lanes` entries; a single number is broadcast."""
+        """Return the operand of a value as a vector of `lanes` entries; a single number is broadcast."""
         if self.current is not None and ref == self.current.each.place:
             return self.current.places
         if lanes == 1 or ref in self.wide:
@@ -307,7 +306,7 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: Statement) -> bool:
-        """Return whether a statement cannot affect stores that wait; see `together`."""
+        """Return True if a statement cannot affect the delayed stores."""
         match statement:
             case Let() | SineCosine():
                 return True
@@ -319,7 +318,7 @@ class Printer(Visitor):
         return False
 
     def store_together(self) -> None:
-        """Store adjacent numbers, four or two at a time."""
+        """Print the delayed stores; adjacent numbers are stored four or two at a time."""
         e, found = self.e, self.together
         self.together = []
         while found:
@@ -427,7 +426,7 @@ class Printer(Visitor):
         return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
     def store(self, store: Store) -> None:
-        """Store a number, or a vector limited to the entries of the array that its iterations own."""
+        """Store a number, or those entries of a vector whose iterations exist."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
         if self.stores_together and self.current is None and where is not None:
@@ -448,7 +447,7 @@ class Printer(Visitor):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print the declaration, read or assignment of a variable. In an `each` declared variables are vectors."""
+        """Print the declaration, read or assignment of a variable. A variable declared in an `each` is a vector."""
         lanes = 1 if self.current is None else self.current.lanes
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
@@ -474,13 +473,13 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument for a callback, converted to the callback's type."""
+        """Return an argument of a callback, converted to the callback's type."""
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
-        """Print a call and define its results; flags of a `foreign` function are C's ints."""
+        """Print a call, and define its results. Flags that a `foreign` function returns are C's ints."""
         e = self.e
         types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
         whole = together(types)
@@ -490,7 +489,7 @@ class Printer(Visitor):
             return
         value = e.value(made)
         for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
-            # Our own flags are 0 or 1. By C's convention any nonzero int is true.
+            # Flags of procedures are 0 or 1. By C's convention any nonzero int is true.
             flag = f"trunc i32 {found} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {found}, 0"
             self.define(ref, e.value(flag) if one == "i32" else found, kind)
 
@@ -551,7 +550,7 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop. The body of the `with` prints the loop's head, with branches to NAME.body and NAME.end."""
+        """Print a loop. The body of the `with` prints the head, with branches to the labels NAME.body and NAME.end."""
         e, name = self.e, self.e.fresh("loop")
         carried = [variable for variable in assigned(inside) if variable in self.held]
         before, initial = e.block, dict(self.held)
@@ -584,7 +583,7 @@ class Printer(Visitor):
     # --- vectors of iterations
 
     def each(self, each: Each) -> None:
-        """Print an `each` in vectors if every array that it accesses has room for them."""
+        """Print an `each` in vectors, if every array that it accesses has room for whole vectors."""
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [

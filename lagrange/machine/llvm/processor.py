@@ -1,4 +1,4 @@
-"""Vectors of this processor: their width, and the functions of its C library on them."""
+"""Vector registers of this processor: their width, and the functions of its C library on vectors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def lanes() -> int:
 
 @cache
 def processor() -> str:
-    """Return the target of compilation: the processor's name in LLVM, and the doubles of its vectors."""
+    """Return the processor's name in LLVM and the number of doubles in its vectors, as the target of compilation."""
     return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
 
 
@@ -56,12 +56,12 @@ def vector_routines() -> dict[str, str]:
 
 
 def routine(op: str, width: int) -> str | None:
-    """Return the C library's vector routine of an operation for `width` numbers, or None if it has none."""
+    """Return the C library's vector routine for an operation on `width` numbers, or None if it has none."""
     return vector_routines().get(op) if width == lanes() else None
 
 
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
-    """Call the vector routine of the C library, or its function for each entry."""
+    """Emit a call of the C library's vector routine, or of its scalar function for each entry."""
     kind, name = type_of(REAL, width), routine(op, width)
     if name is not None:
         return e.value(f"call {kind} @{name}({', '.join(f'{kind} {arg}' for arg in args)})")
@@ -74,7 +74,7 @@ def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
 
 
 def routines_called(texts: Sequence[str]) -> list[str]:
-    """Return the declarations of the vector routines of the C library that some IR texts call."""
+    """Return the declarations of the vector routines that the given IR texts call."""
     if not any(f"@{ROUTINES}" in text for text in texts):
         return []
     names = vector_routines().items()

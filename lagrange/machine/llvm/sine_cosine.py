@@ -72,7 +72,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def angle_function(lanes: int) -> str:
-    """Return the IR of the function that `call_sine_and_cosine` calls."""
+    """Return the IR of the function for sine and cosine that `call_sine_and_cosine` calls."""
     e, kind = Emitter(), element(lanes)
     sine, cosine = sine_and_cosine(e, "%x", lanes)
     first = e.value(f"insertvalue {{ {kind}, {kind} }} poison, {kind} {sine}, 0")
@@ -82,7 +82,7 @@ def angle_function(lanes: int) -> str:
 
 
 def called_for_angles(lanes: int) -> str:
-    """Return the text that marks a module as a caller of the function."""
+    """Return the text that marks a module as a caller of that function."""
     return f"@{_name(lanes)}("
 
 
@@ -91,7 +91,7 @@ def _name(lanes: int) -> str:
 
 
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit a call of the function for sin(x) and cos(x)."""
+    """Emit a call of that function, and return the operands of sin(x) and cos(x)."""
     kind = element(lanes)
     both = e.value(f"call {{ {kind}, {kind} }} @{_name(lanes)}({kind} {x})")
     first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
@@ -137,7 +137,10 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Return sine and cosine of the whole angle: swapped in odd quadrants, with the sign of the quadrant."""
+    """Return the sine and the cosine of the whole angle from those of its remainder.
+
+    In odd quadrants they are exchanged. The quadrant gives the signs.
+    """
 
     def whole(value: int) -> str:
         return str(value) if lanes == 1 else "<" + ", ".join([f"i64 {value}"] * lanes) + ">"
@@ -157,7 +160,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
 
 
 def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Call the C library for each lane."""
+    """Emit calls of the C library for each lane."""
     pair = [e.reserve("double"), e.reserve("double")]
     if lanes == 1:
         e.do(f"call void @sincos(double {x}, ptr {pair[0]}, ptr {pair[1]})")

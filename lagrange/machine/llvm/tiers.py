@@ -1,7 +1,7 @@
-"""Tiered compilation: code is compiled quickly at first, and optimized after many steps.
+"""Tiered compilation: code is compiled quickly at first, and with optimization after many steps.
 
-Both versions do the same operations in the same order, so their results agree to the last bit: LLVM neither
-reassociates nor contracts operations without fast-math flags, and ours have none.
+Both versions do the same operations in the same order, so that results agree to the last bit. LLVM reassociates or
+contracts operations only with fast-math flags, which the code does not have.
 """
 
 from __future__ import annotations
@@ -13,19 +13,18 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.engine import Module
 
 STEPS_BEFORE_OPTIMIZING = 5000
-"""Number of steps after which code is compiled with optimization.
-
-The series of a double pendulum takes 59 ms to compile with optimization and 19 without; a loop over Runge-Kutta steps,
-77 and 18. Steps without it take 1.1 to 1.5 times as long, and up to 2.6 times with Newton's method or ten coordinates,
-so that 5,000 of them lose 1 to 40 ms.
+"""Number of steps after which code is compiled with optimization. The series of a double pendulum compiles in 59 ms
+with optimization and 19 ms without; a loop over Runge-Kutta steps in 77 and 18 ms. Steps without it take 1.1 to 1.5
+times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5,000 of them lose 1 to 40 ms.
 """
 
 
 class TieredModule(Shared):
-    """A module with a function that takes steps. `optimize` and `merge` apply to the optimized version; see `Module`.
+    """A module with a function that takes steps, compiled in two tiers. Threads may share it.
 
-    Both versions are kept, because other runs may hold the address of the first. Threads may share them. `needs` is
-    called before each compilation, to compile what the code needs of other modules.
+    `optimize` and `merge` are options of `Module` for the optimized version. Both versions are kept, because other runs
+    may hold the address of the first. `needs` is called before each compilation; it compiles what the code uses of
+    other modules.
     """
 
     def __init__(
@@ -57,9 +56,9 @@ class TieredModule(Shared):
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Count steps that a run has taken, and compile with optimization after many; `address` then changes.
+        """Count steps that a run has taken, and compile with optimization after many. Then `address` changes.
 
-        While another thread compiles, this one continues with the quick version.
+        While another thread compiles, this thread continues with the quick version.
         """
         self._left -= steps
         if self._left > 0 or not self._lock.acquire(blocking=False):

@@ -24,7 +24,7 @@ from lagrange.procedure.form import (
 
 @dataclass(frozen=True)
 class PrinterState:
-    """State of a printer: its emitter, and the operand and type of each number."""
+    """The state of a printer: its emitter, and the operand and type of each number."""
 
     e: Emitter
     values: Mapping[int, str]
@@ -61,9 +61,9 @@ def _operation(known: PrinterState, let: VectorLet) -> str:
 
 
 def _permuted(known: PrinterState, let: VectorLet) -> str:
-    """Return a vector of entries of vectors and single values.
+    """Return a vector made of entries of vectors and of single values.
 
-    The entries of each vector are moved and merged; single values are inserted.
+    Entries of each vector are moved and merged; single values are inserted.
     """
     e, (kind, width), begin = known.e, let.vector, 0
     single: dict[int, str] = {}
@@ -83,7 +83,7 @@ def _permuted(known: PrinterState, let: VectorLet) -> str:
 
 
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, int], width: int) -> str:
-    """Return a vector with entries of another where they are wanted, and undefined ones elsewhere."""
+    """Return a vector that has entries of another vector at the indices in `here`, and undefined entries elsewhere."""
     if width == count and all(k == place for k, place in here.items()):
         return vector
     mask = ", ".join(f"i32 {here[k]}" if k in here else "i32 poison" for k in range(width))
@@ -92,14 +92,14 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, i
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
-    """Return vector a with the `chosen` entries replaced by those of b."""
+    """Return vector a with the entries at the indices `chosen` replaced by those of b."""
     given = type_of(kind, width)
     places = [width + k if k in chosen else k for k in range(width)]
     return e.value(f"shufflevector {given} {a}, {given} {b}, {_listed(places)}")
 
 
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
-    """Return a vector with single values in some entries; those that are known are part of a constant."""
+    """Return a vector with single values inserted in some entries. Known values are part of a constant."""
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
         return splat(e, values[0], kind, width)
@@ -115,7 +115,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
 
 
 def _reduced(known: PrinterState, reduce: Reduce) -> str:
-    """Return the sum of a vector, or the flag whether any of its entries is true."""
+    """Return the sum of a vector, or the flag that is true if any of its entries is true."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
@@ -126,7 +126,7 @@ def _reduced(known: PrinterState, reduce: Reduce) -> str:
 
 
 def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
-    """Return the sum of the entries of a vector; see `Reduce`."""
+    """Return the sum of the entries of a vector, in the order that `Reduce` defines."""
     while width > 1:
         whole, width = type_of(kind, width), width // 2
         halves = [
@@ -140,7 +140,7 @@ def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
 
 
 def _listed(places: Sequence[int]) -> str:
-    """Return indices of entries as the mask of a `shufflevector`."""
+    """Return indices of entries as the mask operand of a `shufflevector`."""
     return f"<{len(places)} x i32> <{', '.join(f'i32 {place}' for place in places)}>"
 
 
@@ -160,7 +160,7 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
 
 
 def _pointers(known: PrinterState, one: Gather | Scatter, kind: Kind, width: int) -> str:
-    """Return the addresses of entries of an array."""
+    """Return the vector of the addresses of the accessed entries."""
     places = f"{type_of(WHOLE, width)} {known.values[one.places]}"
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[one.array]}, {places}")
 
@@ -185,7 +185,7 @@ def _loaded(known: PrinterState, load: VectorLoad) -> str:
 
 
 def scatter(known: PrinterState, scatter: Scatter) -> None:
-    """Print the store of a vector to entries of an array anywhere."""
+    """Print the store of a vector to the entries of an array at the indices in another vector."""
     kind, width = _vector(known, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
     given = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"

@@ -317,8 +317,7 @@ class Rewriter:
         ]
 
     def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
-        """Return a rewritten `each`: names to which each iteration adds are reductions, others local to an iteration.
-        """
+        """Return a rewritten `each`: names to which each iteration adds are reductions, others local to iterations."""
         if not isinstance(s.target, ast.Name):
             raise self.refuse(s, "several indices of an `each`")
         reductions = _reductions(s.body)
