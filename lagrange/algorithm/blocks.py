@@ -1,9 +1,9 @@
-"""Sizes of arrays in whole blocks: machines compute several numbers at once."""
+"""Array sizes that are whole blocks, because machines compute several numbers at once."""
 
 from __future__ import annotations
 
 WIDEST_VECTOR = 8
-"""Number of doubles in the widest vectors of processors: this many numbers, steps or members are computed at once."""
+"""Number of doubles in the widest vectors of processors. That many numbers, steps or members are computed at once."""
 
 
 def whole_blocks(count: int, block: int) -> int:

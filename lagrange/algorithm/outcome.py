@@ -1,4 +1,4 @@
-"""Outcomes of a run, a step or a solve."""
+"""Outcomes of a run, of a step, or of a solve."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import enum
 
 
 class Outcome(enum.IntEnum):
-    """Reason for which a driver returned. After BROKEN, `DriverState.fault` has the cause.
+    """Reason for which a driver returned.
 
-    After UNPROJECTED the new state was too far from the constraints to be projected onto them. UNSCALED asks the caller
-    to estimate the sizes of the entries: the steps shrink because some floors are too low, of entries of unknown size
-    or at round-off. The run can then be continued.
+    After BROKEN, `DriverState.fault` has the error. UNPROJECTED: the new state was too far from the constraints to be
+    projected onto them. UNSCALED asks the caller to estimate the sizes of entries: the steps decrease because the
+    floors of some entries, of unknown size or at rounding level, are too low. The run can then be continued.
     """
 
     DONE = 0

@@ -1,8 +1,8 @@
 """The projection of the state onto its constraints at the end of an accepted step.
 
-The corrections are those of `lagrange.program.constraints`, a Newton step whose remainder is the square of the
-violation. They are normal to the constraints in the metric of the mass matrix, so that the energy of the motion changes
-in second order only.
+The corrections are those of `lagrange.program.constraints`: a Newton step whose remainder is proportional to the square
+of the violation. They are normal to the constraints in the metric of the mass matrix, so that the energy changes in
+second order only.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from lagrange.procedure.front.plain import procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, likely, reals, unlikely
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
-"""The program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
-violation, and the violation that would remain. The flag is true for a singular matrix."""
+"""Type of the program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
+violation, and the violation that would remain. The flag is true for a singular matrix.
+"""
 
 KEPT_VIOLATION = 2.0**-51
-"""Largest relative violation at which a state is kept: evaluating the constraints has the same rounding error."""
+"""Largest relative violation at which a state is unchanged: evaluating the constraints has the same rounding error."""
 
 RESOLVED = 2.0**-26
-"""Largest relative violation at which a step is accepted if the corrections cannot reduce it.
-
-Near a configuration with dependent constraints, the gradients do not determine where the constraints hold. Corrections
-would move the state by more than its distance from there. A double root is determined to half of the digits.
+"""Largest relative violation at which a step is accepted if the corrections cannot reduce it. Near a configuration with
+dependent constraints, the gradients do not determine a nearby solution. Corrections would move the state by more than
+its distance from that configuration. A double root is determined to half of the digits.
 """
 
 MOST_AT_START = 2.0**-20
-"""Largest relative violation of the initial state of an exported integrator, which moves it onto the constraints.
-
-A state that is further off would become another motion.
+"""Largest relative violation of the initial state of an exported integrator, which projects it onto the constraints.
+From a larger violation, another motion would result.
 """
 
 PROJECTION_CORRECTIONS = 8
-"""Largest number of corrections. Newton's method needs 2 or 3 for the largest violations that a step leaves; more means
-that it does not converge."""
+"""Largest number of corrections. Newton's method needs 2 or 3 for the largest violations that a step leaves. More means
+that it does not converge.
+"""
 
 MOST_WRITTEN_BEYOND = 8
-"""Doubles that a program may write after its results, since machines write in blocks."""
+"""Number of doubles that a program may write after its results, since machines write in blocks."""
 
 
 def state_array(block: int) -> Array:
-    """Return the type of a state without a size: entries after those of the state must stay unchanged."""
+    """Return the type of a state of any size. Memory after the state must stay unchanged."""
     return Array(room=block)
 
 
@@ -54,7 +54,7 @@ def state_array(block: int) -> Array:
 def project(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, lost: Out, *, dimension: int, block: int
 ) -> tuple[Outcome, bool]:
-    """Move a state onto its constraints; return an outcome, and whether the state has moved.
+    """Move a state onto its constraints. Return an outcome, and True if the state has moved.
 
     `numbers` are the prepared parameters of the corrections. A correction is added to the state and its compensation
     `lost`, so that its rounding error is compensated as well.
@@ -62,7 +62,7 @@ def project(
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
     for _ in range(PROJECTION_CORRECTIONS):
-        # The state stays if the matrix is singular: the next evaluation meets the same matrix, and reports it.
+        # With a singular matrix the state is unchanged: the next evaluation meets the same matrix, and reports it.
         if unlikely(corrections(t, state, numbers, move)):
             return Outcome.DONE, has_moved
         violation, left = move[dimension], move[dimension + 1]
@@ -82,12 +82,13 @@ def project(
 def starts_on_constraints(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, *, dimension: int, relations: bool
 ) -> bool:
-    """Return whether a state violates its constraints by at most `MOST_AT_START`; see `project`.
+    """Move a state onto its constraints; return True if it violates them by at most `MOST_AT_START`.
 
-    With `relations`, velocities of coordinates of first order follow from them, and replace those of the state.
+    With `relations`, the velocities of coordinates of first order are computed from these, and replace those of the
+    state.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
-    # A singular matrix here is singular in the first step, which reports it.
+    # A matrix that is singular here is singular in the first step, which reports it.
     if corrections(t, state, numbers, move):
         return True
     if not relations:

@@ -1,8 +1,8 @@
 """Memory in which the polynomials of a block of steps are computed, one step in each column.
 
-Steps are taken in blocks of `columns`, and each vector of a block is stored by columns: entry j of step b is at index
-j * columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of
-`WIDEST_VECTOR` steps, of which the last may be repeated. The numpy machine has as many columns as there are steps.
+A block has `columns` steps, and its vectors are stored by columns: entry j of step b is at index j * columns + b. So
+one operation on an entry serves many steps at once. Machine code has blocks of `WIDEST_VECTOR` steps; in the last block
+a step may be repeated. The numpy machine has one column for each step.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
-"""Type of a function that evaluates a law over columns. Arguments: the number of columns, their times, coordinates and
-velocities, the parameters, and the results. It returns the first column in which a matrix is singular, or -1."""
+"""Type of a function that evaluates a law over columns. Arguments: the number of columns; their times, coordinates and
+velocities; the parameters; the results. It returns the first column with a singular matrix, or -1.
+"""
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
-"""Type of a function that inverts the matrix of each column; see `invert_columns`."""
+"""Type of a function that inverts the matrix of each column, such as `invert_columns`."""
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
 """Type of a function that writes the polynomials of a block of steps, for any kind of path. Arguments: data that the
-machine has prepared for the kind of path, the number of columns, the steps and their neighbours (see `OwnStep`), work
+machine has prepared for the kind of path, the number of columns, the steps and their neighbours (`OwnStep`), work
 memory, and the coefficients. The coefficient of power k and entry j, in the fraction of step b, has the index (k * 2n +
-j) * columns + b."""
+j) * columns + b.
+"""
 
 
 class Room(NamedTuple):
-    """Size of work memory: a number of vectors, and of rows with one number for each column."""
+    """Size of work memory: a number of vectors, and a number of rows with one entry for each column."""
 
     vectors: int
     rows: int
@@ -47,8 +49,8 @@ class StepPolynomial:
 
     The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind. Its data
     are the `table` of the method's coefficients and its number of `stages`. The `degree` is at most 16. With
-    `derivative` it also gets the derivative of the law, and the neighbours of the steps of a block. `vectors` is the
-    number of further work vectors, `matrices` that of work matrices of 2n vectors each.
+    `derivative` it also gets the derivative of the law, and the neighbours of the steps. `vectors` is the number of
+    additional work vectors, `matrices` that of work matrices of 2n vectors each.
     """
 
     write: Plain[..., None]
@@ -62,7 +64,7 @@ class StepPolynomial:
 
     @property
     def procedure(self) -> Procedure:
-        """The procedure that writes the polynomials. Its arguments are those of `PolynomialBlock`."""
+        """The procedure that writes the polynomials. Its arguments are the fields of `PolynomialBlock`."""
         return self.write.form()
 
     def size(self, dimension: int, columns: int) -> int:
@@ -72,11 +74,11 @@ class StepPolynomial:
 
 
 SPARE = Room(vectors=2, rows=1)
-"""Work memory at the beginning, for columns with a singular mass matrix."""
+"""Size of the work memory at the beginning, used for columns with a singular mass matrix."""
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return the number of doubles that the steps of a block take, as `gather` writes them."""
+    """Return the number of doubles of the steps of a block, in the layout that `gather` writes."""
     return (2 * dimension + 3) * columns
 
 
@@ -84,7 +86,7 @@ def block_size(dimension: int, columns: int) -> int:
 class OwnStep:
     """Steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
 
-    `side` is the position of a neighbour: -1.0 before the step, 1.0 after it, 0.0 if there is no neighbour.
+    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none.
     """
 
     memory: Any
@@ -98,7 +100,7 @@ class OwnStep:
 
 @inline
 def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
-    """Return the steps of a block in memory."""
+    """Return the steps of a block, which begin at `memory`."""
     parts = memory, memory[columns:], memory[2 * columns :], memory[3 * columns :], memory[(dimension + 3) * columns :]
     return OwnStep(memory, dimension, *parts)
 
@@ -109,7 +111,7 @@ def slopes(
 ) -> None:
     """Write the right-hand side of each column, NaN where the mass matrix is singular.
 
-    If one is, each column is evaluated by itself.
+    If one matrix is singular, each column is evaluated separately.
     """
     half = quotient(dimension, 2) * columns
     if unlikely(law(columns, t, y, y[half:], parameters, out) >= 0):
@@ -129,9 +131,9 @@ def slopes(
 class PolynomialBlock:
     """Arguments of a procedure that writes polynomials, and the layout of its work memory.
 
-    First are the arguments that a machine prepares for a kind of path: the law over columns with its parameters, its
-    derivative with its own, the function that inverts matrices, the coefficients of the method, its number of stages,
-    the degree, and the length of a state. The others are those of `POLYNOMIAL`.
+    A machine prepares the first arguments for a kind of path: the law over columns with its parameters, the derivative
+    of the law with its parameters, the function that inverts matrices, the coefficients of the method, its number of
+    stages, the degree, and the length of a state. The other arguments are those of `POLYNOMIAL`.
     """
 
     law: Callable[..., int]
@@ -151,19 +153,19 @@ class PolynomialBlock:
 
     @property
     def total(self) -> int:
-        """Number of doubles of a vector of the block."""
+        """Number of doubles of a vector of the block: entries times columns."""
         return self.dimension * self.columns
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return the arguments for another block of steps without neighbours, with its own work memory and results."""
+        """Return the arguments for a block of steps without neighbours, with other work memory and results."""
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return PolynomialBlock(*laws, *numbers, step, step, work, out)
 
     @inline
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
-        """Return the vectors and the rows of work memory, and the memory after them."""
+        """Return the vectors and the rows of work memory, and the unused memory after them."""
         total = self.dimension * self.columns
         first = self.work[total * SPARE.vectors + self.columns * SPARE.rows :]
         vectors = tuple(first[total * k :] for k in unrolled(room.vectors))
@@ -183,7 +185,7 @@ class PolynomialBlock:
 
     @inline
     def spread(self, row: In, target: Out) -> None:
-        """Write the number of each column to all entries of a vector."""
+        """Write the number of each column to all entries of a vector in that column."""
         for j in range(self.dimension):
             line = target[j * self.columns :]
             for b in self.each_column():
@@ -199,7 +201,7 @@ READ_STEPS, WRITTEN = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VE
 
 
 def block_type() -> Bundle:
-    """Return the type of the arguments of a procedure that writes polynomials."""
+    """Return the type of a `PolynomialBlock` parameter of a procedure."""
     functions = {"law": COLUMNS, "jacobian": COLUMNS, "invert": INVERT}
     memory = {"own": READ_STEPS, "beside": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
     return Bundle(PolynomialBlock, {**functions, **memory})
@@ -207,7 +209,7 @@ def block_type() -> Bundle:
 
 @inline
 def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: int, count: int) -> float:
-    """Return entry x of the weighted sum of consecutive vectors, from number `first` to `count`, added to `start`."""
+    """Return `start` plus entry x of the weighted sum of consecutive vectors, from number `first` to below `count`."""
     for j in range(first, count):
         start = fma(vectors[j * total :][x], weights[j], start)
     return start
@@ -215,10 +217,9 @@ def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: 
 
 @inline
 def mend(block: PolynomialBlock, first: In) -> None:
-    """Write a parabola in columns with a coefficient that is not finite.
+    """Replace polynomials with coefficients that are not finite by parabolas with the slope `first` / h at the start.
 
-    It has the slope `first` / h at the start. It serves the last step of a run that ended because the slope has no
-    value at its end.
+    This serves the last step of a run that ended because the right-hand side has no value at its end.
     """
     total = block.dimension * block.columns
     largest = 0.0
@@ -234,7 +235,7 @@ def mend(block: PolynomialBlock, first: In) -> None:
 
 @procedure
 def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: In, out: Out) -> None:
-    """Write the parabola with slope `first` / h at the start, in each column with a coefficient that is not finite."""
+    """Write the parabola with slope `first` / h at the start in each column with a coefficient that is not finite."""
     total = dimension * columns
     for b in range(columns):
         nothing = 0.0

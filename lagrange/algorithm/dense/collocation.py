@@ -1,10 +1,10 @@
 """Dense output of a stiffly accurate collocation method: its polynomial, computed again and raised by one degree.
 
-The last stage is the end of the step, which is known; the others are solved for. Their values are of order s alone, and
-so is their polynomial. But their slopes are as well, and one more slope makes the integral of the slopes a path of
-order s + 1: that at the start, which is the last one of the step before; the first step takes the first one of the step
-after it. All slopes are those of the polynomials and not of the law: on a stiff system round-off in the state makes a
-large error in the slope. A step without a neighbour keeps its polynomial.
+The last stage is the end of the step and known; the other stages are solved for. Stages, polynomial and slopes have
+order s. One more slope makes the integral of the slopes a path of order s + 1: the slope at the start, which is the
+last slope of the previous step. For the first step it is the first slope of the next step. A step without a neighbour
+keeps its polynomial. All slopes are derivatives of polynomials, not values of the law: on a stiff system rounding of
+the state causes a large error of the law.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 STAGE_CORRECTIONS = 12
-"""Largest number of corrections of the inner stages; 3 to 5 reduce the error of a straight line to round-off."""
+"""Largest number of corrections of the inner stages; 3 to 5 reduce the error of a straight line to rounding."""
 
 SETTLED = 1e-14
 """Stages have converged if a correction is below this fraction of the state."""
 
 INCREMENTS, JOINED = Room(vectors=4, rows=3), Room(vectors=4, rows=3)
 ROOM = Room(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
-"""Work memory: for the joining of slopes, and after it for the increments, with its own spare memory."""
+"""Work memory: for joining the slopes, then for the increments, then spare memory."""
 
 
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
-    """Return the path of the collocation method with the matrix A (s, s) and the points c (s,), the last of them 1.
+    """Return the dense output of the collocation method with matrix A (s, s) and points c (s,), the last of them 1.
 
-    The table has c, A, the inverse of A, the derivative of each Lagrange polynomial of the points and of 0 by powers,
-    the polynomial that is zero at the points, and by powers of theta what each stage and that polynomial, integrated,
-    add to the path.
+    Its table has: c; A; the inverse of A; the derivative of each Lagrange polynomial of 0 and the points, by powers;
+    the polynomial that is zero at the points; and, by powers of theta, the contribution to the path of each stage and
+    of the integral of that polynomial.
     """
     points, s = np.array(c), len(c)
     zero = Polynomial.fromroots(points)
     basis = [_lagrange(np.concatenate([[0.0], points]), i + 1) for i in range(s)]
-    # The integral over the step is zero: a formula of Radau integrates more degrees than that.
+    # The integral over the step is zero, because Radau's formula integrates polynomials of higher degree exactly.
     rates = np.array([one.deriv().coef for one in basis])
     parts = [points, np.array(A), np.linalg.inv(np.array(A)), rates, zero.coef]
     powers = np.zeros((s + 2, s + 1))
@@ -64,7 +64,7 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
 
 
 def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
-    """Return the polynomial that is 1 at one of the points and 0 at the others."""
+    """Return the Lagrange polynomial that is 1 at point number `which` and 0 at the others."""
     others = np.delete(points, which)
     found: Polynomial = Polynomial.fromroots(others) / np.prod(points[which] - others)
     return found
@@ -72,7 +72,7 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
 
 @procedure(apart=True, block=block_type)
 def increments(block: PolynomialBlock) -> None:
-    """Write the change of the state at each stage in the steps of a block, by Newton's method from a straight line.
+    """Write the change of the state at each stage of the steps, by Newton's method from a straight line.
 
     If the law is not finite, the polynomial is a straight line.
     """
@@ -102,9 +102,9 @@ def increments(block: PolynomialBlock) -> None:
 
 @inline
 def linearize(block: PolynomialBlock, step: OwnStep) -> None:
-    """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step.
+    """Write the inverse of I - h A J for the inner stages, with J the derivative of the law at the end of each step.
 
-    It is NaN in all columns where a mass matrix is singular.
+    It is NaN in all columns if a mass matrix is singular.
     """
     n, columns, stages = block.dimension, block.columns, block.stages
     _, (time, row, _), slopes = block.lay_out(INCREMENTS)
@@ -130,7 +130,7 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
-    """Return an entry of the matrices in all columns; rows after their order belong to the inverses."""
+    """Return an entry of the matrices in all columns. Rows from their order on contain the inverses."""
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
 
@@ -156,7 +156,7 @@ def correct(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def move(block: PolynomialBlock, step: OwnStep) -> None:
-    """Add to the inner stages the inverses times the residuals; a column has converged if no stage moves far."""
+    """Add the inverses times the residuals to the inner stages. A column has converged if no stage changes much."""
     columns, n, total, stages = block.columns, block.dimension, block.total, block.stages
     (_, gains, _, _), (_, row, active), slopes = block.lay_out(INCREMENTS)
     residual, matrix, order = slopes[stages * total :], slopes[(2 * stages + n) * total :], (stages - 1) * n
@@ -181,7 +181,7 @@ def move(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def straighten(block: PolynomialBlock) -> None:
-    """Replace stages that are not finite by a straight line."""
+    """Replace columns with stages that are not finite by a straight line."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
     for b in block.each_column():
@@ -200,7 +200,7 @@ def straighten(block: PolynomialBlock) -> None:
 
 @procedure(block=block_type)
 def collocation(block: PolynomialBlock) -> None:
-    """Write the polynomials of a block of steps through their stages, with slopes that are continuous between steps."""
+    """Write the polynomials of a block of steps through their stages, with slopes continuous between steps."""
     total, stages = block.total, block.stages
     _, _, gains = block.lay_out(JOINED)
     beside_gains, rest = gains[stages * total :], gains[2 * stages * total :]
@@ -228,7 +228,7 @@ def write(block: PolynomialBlock, gains: In) -> None:
 
 @inline
 def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
-    """Return the parts of a table after c and A: inverse, rates, nodes and powers; see `collocation_polynomial`."""
+    """Return the parts of a table after c and A: inverse of A, derivatives, node polynomial, and contributions."""
     square = stages * stages
     inverse = table[stages + square :]
     rates = inverse[square:]
@@ -238,7 +238,7 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 @inline
 def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
-    """Make slopes continuous: add a multiple of the integral of the polynomial that is zero at the points."""
+    """Make slopes continuous between steps: add a multiple of the integral of the node polynomial."""
     own = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
     total, stages = block.total, block.stages
@@ -276,7 +276,7 @@ def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
 
 @inline
 def write_at_place(block: PolynomialBlock, coefficients: In, count: int, place: In, row: Out) -> None:
-    """Write the value of a polynomial with `count` coefficients, at the fraction in each column."""
+    """Write the value of a polynomial with `count` coefficients at the fraction `place` of the step in each column."""
     for b in block.each_column():
         value = 0.0
         for k in range(count):

@@ -1,4 +1,4 @@
-"""Evaluation of dense output at many times: the polynomial of each step that is needed is computed once."""
+"""Evaluation of dense output at many times. The polynomial of a step is computed once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VE
 def horner(
     degree: int, dimension: int, row: int, column: int, c: In, theta: In, count: int, out: Out, stride: int
 ) -> None:
-    """Write the values of a polynomial, entries `stride` apart, at fractions theta of a step, two entries at once.
+    """Write the values of a polynomial at fractions theta of a step, entries `stride` apart, two at a time.
 
     The coefficient of power k and entry j has the index k * row + j * column.
     """
@@ -41,9 +41,9 @@ def horner(
 def gather(
     dimension: int, columns: int, starts: WholesIn, steps: int, times: In, states: In, both: int, own: Out, beside: Out
 ) -> None:
-    """Write steps of a run by columns, and the neighbour of each if `both` is 1.
+    """Write steps of a run by columns. If `both` is 1, also write a neighbour of each step.
 
-    The neighbour is the step before; of the first step it is the step after.
+    The neighbour is the previous step; for the first step it is the next one.
     """
     for b in range(columns):
         s = starts[b]
@@ -57,7 +57,7 @@ def gather(
 
 @procedure
 def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: In, block: Out) -> None:
-    """Write step `s` of a run into column `b`."""
+    """Write step `s` of a run to column `b` of a block."""
     step = steps_in(block, dimension, columns)
     step.t[b] = times[s]
     step.h[b] = times[s + 1] - times[s]
@@ -70,10 +70,7 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 @dataclass(frozen=True)
 class RunPath:
-    """A run with its dense output.
-
-    It has the callback with its `given` data, times and states of steps, and memory for a block.
-    """
+    """A run with its dense output: the callback with its `given` data, the times and states, and memory for a block."""
 
     polynomial: Callable[..., None]
     given: In
@@ -90,20 +87,20 @@ class RunPath:
 
     @inline
     def write(self, starts: WholesIn, out: Out) -> None:
-        """Write the polynomials of a block of steps."""
+        """Write the polynomials of a block of steps, whose numbers are `starts`."""
         steps = self.steps, self.times, self.states
         gather(self.dimension, self.columns, starts, *steps, self.both, self.own, self.beside)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.work, out)
 
 
 def path_type() -> Bundle:
-    """Return the type of a path among the arguments of a procedure."""
+    """Return the type of a `RunPath` parameter of a procedure."""
     return Bundle(RunPath, {"polynomial": POLYNOMIAL})
 
 
 @procedure(path=path_type)
 def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
-    """Write the polynomials of some steps of a run, block by block."""
+    """Write the polynomials of the steps with numbers `starts`, block by block."""
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
 
@@ -112,8 +109,8 @@ def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
 def locate(times: In, steps: int, step: int, wanted: float, sign: float) -> int:
     """Return the index of the last step that begins at or before the time `wanted`, searching from `step` on.
 
-    Times rise with `sign` 1.0 and fall with -1.0. The length of the search interval is doubled until it contains the
-    time, then halved.
+    Times increase with `sign` 1.0 and decrease with -1.0. The search interval is doubled until it contains the time,
+    then bisected.
     """
     low, reach = step, 1
     while has_begun(times, steps, low + reach, wanted, sign):
@@ -127,23 +124,24 @@ def locate(times: In, steps: int, step: int, wanted: float, sign: float) -> int:
 
 @inline
 def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> bool:
-    """Return True if a step exists and begins at or before a time."""
+    """Return True if step number `step` exists and begins at or before the time `wanted`."""
     begin = times[min(step, steps - 1)]
     return (begin - wanted) * sign <= 0.0 and step < steps
 
 
 @inline
 def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> bool:
-    """Return True if there is a time at an index and it is before the end of a step."""
+    """Return True if there is a time with index `place` and it is before the end of a step."""
     time = wanted[min(place, count - 1)]
     return (time - end) * sign < 0.0 and place < count
 
 
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: RunPath, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
-    """Write the states at many sorted times along a run, entries `stride` apart; each polynomial is made once.
+    """Write the states at many sorted times along a run, entries `stride` apart.
 
-    The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.
+    Each polynomial is computed once. Accepted states are copied; of two at the same time the later one. `sign` is the
+    direction of the run.
     """
     times, columns, dimension = path.times, path.columns, path.dimension
     starts, begins = wholes(WIDEST_VECTOR), wholes(WIDEST_VECTOR + 1)
@@ -181,14 +179,14 @@ def on_step(
     out: Out,
     stride: int,
 ) -> None:
-    """Write the states at times of one step; accepted states are copied exactly."""
+    """Write the states at times on one step. Accepted states are copied."""
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
     h = end - t
     for begin in range(0, count, CHUNK):
         part = min(count - begin, CHUNK)
         here = wanted[begin:]
-        # Whole vectors are computed: what stands behind the last must not be slow to multiply, as denormals are.
+        # Whole vectors are computed. Numbers after the last must not be denormal, because multiplying these is slow.
         behind = theta[part:]
         for i in each(WIDEST_VECTOR, width=WIDEST_VECTOR, spill=True):
             behind[i] = 0.0
@@ -206,6 +204,6 @@ def on_step(
 
 @inline
 def copy_state(state: In, dimension: int, out: Out, stride: int) -> None:
-    """Write the entries of a state, `stride` apart."""
+    """Write the entries of a state to `out`, `stride` apart."""
     for j in range(dimension):
         out[j * stride] = state[j]

@@ -1,11 +1,12 @@
 """Dense output of any method: Hermite's cubic through both ends of a step, raised by Picard's iteration.
 
-The integral of the right-hand side along a path of order p is one of order p + 1, and what it misses of the end, the
-error of the step and more, is spread over the step by a cubic that is flat at both ends: so the path goes through both
-ends with their slopes, and needs nothing but the right-hand side. Where the steps are so long that this does not
-converge, as those of an implicit method may be, the path of a step stays the best so far, the cubic if need be. Source:
-W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans. Math.
-Softw. 12, 1986, with the nodes of Chebyshev in place of theirs.
+The integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from the state at
+the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with their
+slopes, and needs only the right-hand side. On long steps, such as those of implicit methods, the iteration may diverge.
+Then the path is the best one so far, possibly the cubic.
+
+Source: W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans.
+Math. Softw. 12, 1986, with Chebyshev's nodes in place of theirs.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ ROOM = Room(vectors=5, rows=4)
 def hermite_polynomial(order: int) -> StepPolynomial:
     """Return the dense output of an `order` by Hermite's cubic, of order 3, and Picard's iteration.
 
-    The degree is one more than the order. The table has the inner nodes, the matrix from changes of slopes there to
-    changes of states, and by powers of theta the coefficients that a change of each slope adds to the path.
+    The degree is one more than the order. The table has the inner nodes; the matrix from changes of slopes to changes
+    of states at the nodes; and, by powers of theta, the contribution of each change of slope to the path.
     """
     if order == 3:
         return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
@@ -62,21 +63,21 @@ class Cubic:
 
     @inline
     def value(self, s: float, x: int) -> float:
-        """Return an entry of the cubic at a fraction."""
+        """Return entry x of the cubic at the fraction s of the step."""
         gap, first, last = self.ends(x)
         bend = gap * (1.0 - s * 2.0) + (first * (s - 1.0) + last * s)
         return self.y[x] + (gap * s + bend * (s * (s - 1.0)))
 
     @inline
     def slope(self, s: float, x: int) -> float:
-        """Return an entry of the derivative of the cubic by theta."""
+        """Return entry x of the derivative of the cubic by theta at the fraction s."""
         gap, first, last = self.ends(x)
         ends = first * ((1.0 - s) * (1.0 - s * 3.0)) + last * (s * (s * 3.0 - 2.0))
         return gap * (s * 6.0 * (1.0 - s)) + ends
 
     @inline
     def ends(self, x: int) -> tuple[float, float, float]:
-        """Return an entry's change over the step, and its slopes at both ends."""
+        """Return the change of entry x over the step, and its slopes at both ends."""
         return self.new[x] - self.y[x], self.first[x], self.last[x]
 
 
@@ -84,8 +85,8 @@ class Cubic:
 def hermite(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
-    `changes` are by how much the slopes at the inner nodes differ from those of the cubic, and behind them stands what
-    the next iteration makes of them. `moved` is how far the last one moved each column, 0 once it diverges.
+    `changes` are the differences of the slopes at the inner nodes from those of the cubic, followed by those of the
+    next iterate. `moved` is the change of each column in the last iteration, 0 once it diverges.
     """
     own = steps_in(block.own, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -109,7 +110,7 @@ def hermite(block: PolynomialBlock) -> None:
 
 @inline
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
-    """Begin the iteration with the cubic. A trial is accepted later if it moves less than the largest slope."""
+    """Begin the iteration with the cubic. The first trial is accepted if its change is below the largest slope."""
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -126,7 +127,7 @@ def begin(block: PolynomialBlock, cubic: Cubic) -> None:
 
 @inline
 def measure(block: PolynomialBlock) -> None:
-    """Set the size of each column to its largest entry of `largest`."""
+    """Set the size of each column to the magnitude of its largest entry."""
     (_, _, _, _, largest), (_, _, size, _), _ = block.lay_out(ROOM)
     for b in block.each_column():
         size[b] = 0.0
@@ -138,7 +139,7 @@ def measure(block: PolynomialBlock) -> None:
 
 @inline
 def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
-    """Write the next trial: the integral of the right-hand side along the path."""
+    """Write the next trial: the changes of slopes along the integral of the present ones."""
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
     to_states = block.table[stages:]
@@ -155,7 +156,7 @@ def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
 
 @inline
 def judge(block: PolynomialBlock) -> None:
-    """Accept the trial in the columns where it moved less than half as far as the one before."""
+    """Accept the trial in the columns in which the change is less than half of the previous one."""
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -180,7 +181,7 @@ def judge(block: PolynomialBlock) -> None:
 
 @inline
 def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
-    """Write the coefficients: those of the cubic, and what the changes of its slopes add to each."""
+    """Write the coefficients: those of the cubic, plus the contributions of the changes of its slopes."""
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):
         higher = out[power * total :]
@@ -203,15 +204,15 @@ def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
 
 @shared
 def nodes(count: int) -> FloatArray:
-    """Return the extrema of Chebyshev's polynomial on [0, 1], both ends among them."""
+    """Return the `count` extrema of Chebyshev's polynomial on [0, 1], including both ends."""
     return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
 
 
 @shared
 def weights(count: int) -> FloatArray:
-    """Return powers of theta (count, count + 2): the integral of a node's share of a change of slopes.
+    """Return powers of theta (count, count + 2): for each node, the integral of the Lagrange polynomial of its slope.
 
-    The value of the integral at the end is subtracted along a cubic, so that each share is zero there.
+    The value of the integral at the end is subtracted along a cubic, so that each contribution is zero there.
     """
     found = nodes(count)
     shares = np.zeros((count, count + 2))

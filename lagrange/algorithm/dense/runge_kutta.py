@@ -1,4 +1,4 @@
-"""Dense output of a Runge-Kutta method: its stages are computed again, and weighted to coefficients."""
+"""Dense output of a Runge-Kutta method. Its stages are computed again, and their weighted sums are the coefficients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOM = Room(vectors=2, rows=1)
 def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: FloatArray) -> StepPolynomial:
     """Return the dense output y(t + theta h) = y + h sum_j b_j(theta) k_j, b_j = sum_m weights[j][m] theta**(m+1).
 
-    `rows` (s, s) and `abscissae` (s,) are those of all stages, of the path's own too. The degree is at least that of
+    `rows` (s, s) and `abscissae` (s,) include the additional stages of the dense output. The degree is at least 2, for
     the parabola on a step without a slope at its end.
     """
     stages, powers = weights.shape
@@ -30,11 +30,11 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
 
 @procedure(block=block_type)
 def runge_kutta(block: PolynomialBlock) -> None:
-    """Write the polynomials of a block of steps by the stages of a method.
+    """Write the polynomials of a block of steps from the stages of a method.
 
-    The table has the abscissae, the rows, and the weights of each power of theta. The weights of a path add up to
-    theta, so the slopes enter by what they differ from the first: weights of some hundred multiply less round-off then.
-    Where a slope has no value, a zero in the rows does not hide it: the step has no path then.
+    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta, so that
+    only differences of slopes from the first slope enter: weights of some hundred then multiply less rounding. If a
+    slope has no value, the step has no path, even if its coefficients are zero.
     """
     own = steps_in(block.own, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out

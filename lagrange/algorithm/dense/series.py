@@ -1,4 +1,4 @@
-"""Dense output of a Taylor step: the series itself, computed again from the beginning of the step."""
+"""Dense output of a Taylor step: the series, computed again at the start of the step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, mantissa, two_to
 
 HALF = 2**0.5
-"""Mantissa of a step from which on its scale of time, the nearest power of two, is the larger one."""
+"""Mantissa of a step length from which its time scale is the next larger power of two."""
 
 
 @procedure(jet=lambda: JET)
@@ -31,8 +31,8 @@ def series_polynomial(
 ) -> None:
     """Write the polynomials of a block of steps by their Taylor series, NaN if a matrix is singular.
 
-    A state takes `padded` doubles, and rows are `width` doubles apart. The work memory has the state, its rounding
-    error (zero), and then the rows.
+    A state has `padded` doubles, and rows are `width` doubles apart. The work memory has the state, its rounding error
+    (zero), and then the rows.
     """
     step, rows, total = steps_in(own, dimension, columns), work[padded * 2 :], dimension * columns
     for i in range(padded * 2):

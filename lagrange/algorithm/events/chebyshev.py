@@ -13,22 +13,23 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 DEGREE = 16
-"""Degree of the polynomial of a function on a step; if it does not resolve the function, the step is halved. A path of
-at most this degree is represented exactly."""
+"""Degree of the polynomial of an event function on a step. If it does not resolve the function, the step is halved. A
+path of at most this degree is represented exactly.
+"""
 
 COARSE = 8
-"""Degree at which many steps are sampled first. It suffices to show that most functions keep their sign."""
+"""Degree at which many steps are sampled first. It suffices to prove that most functions keep their sign."""
 
 
 @lru_cache(maxsize=8)
 def nodes(degree: int = DEGREE) -> FloatArray:
-    """Return the points (degree + 1,) in [0, 1], both ends among them."""
+    """Return the sampling points (degree + 1,) in [0, 1], including both ends."""
     return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
 
 
 @lru_cache(maxsize=8)
 def to_chebyshev(degree: int = DEGREE) -> FloatArray:
-    """Return the matrix from values at the nodes to the coefficients of Chebyshev's polynomials on [0, 1]."""
+    """Return the matrix from values at the nodes to coefficients of Chebyshev's polynomials on [0, 1]."""
     ranks = np.arange(degree + 1)
     halves = np.where((ranks == 0) | (ranks == degree), 0.5, 1.0)
     signs = (-1.0) ** ranks
@@ -38,7 +39,7 @@ def to_chebyshev(degree: int = DEGREE) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def to_powers(degree: int = DEGREE) -> FloatArray:
-    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to those of powers."""
+    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to coefficients of powers."""
     columns: list[list[int]] = [[1], [-1, 2]]
     while len(columns) <= degree:
         last, before = columns[-1], [*columns[-2], 0, 0]

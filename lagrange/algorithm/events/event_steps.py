@@ -1,7 +1,7 @@
-"""Loop over the steps of a step program with events: take steps, review them, return to the first change.
+"""Loop over the steps of a step program with events: take steps, review them, go back to the first change.
 
-A reset after which the motion leaves zero is applied here. Irregular events are left to the caller, with the steps that
-wait for it.
+A reset after which the motion leaves zero is applied here. Irregular events are left to the caller, together with the
+steps that are not reviewed yet.
 """
 
 from __future__ import annotations
@@ -45,18 +45,22 @@ from lagrange.procedure.front.vocabulary import (
 
 TAKE_STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
 """Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine has prepared, the
-numbers and counts of the run, work memory, the number of tries, and the arrays for times and states."""
+reals and counts of the run, work memory, the number of trial steps, and the arrays for times and states.
+"""
 
 MOST_WAITING = 1024
-"""Largest number of steps that are taken before a review: their times and states are stored until then."""
+"""Largest number of steps between reviews. Their times and states are stored until the review."""
 
 LOOK, READ_EVENTS = 16, 17
-"""Codes beside those of `Outcome`: a step is irregular; the arrays of events or of changes of the motion are full."""
+"""Codes beside those of `Outcome`. LOOK: a step is irregular. READ_EVENTS: the array of events or of changes of the
+motion is full.
+"""
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
-"""Blocks of `settings`, with one entry for each event: the index of its first reset result, the number of its reset
-results, and the number of occurrences after which it ends the run, 0 for never. Then, from block `SETTINGS` on, the
-indices of the entries of the state that are reset."""
+"""Blocks of `settings`, with one entry for each event: the index of its first reset result; the number of its reset
+results; the number of occurrences after which it ends the run, 0 for never. From block `SETTINGS` on: the indices of
+the entries of the state that are reset.
+"""
 
 NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
 """Number of reals and counts of a run. The floors follow the reals."""
@@ -64,35 +68,35 @@ NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
 T, END, H, SHARE, PREVIOUS, START, STEP = (
     RUN.places[name] for name in ("t", "end", "h", "share", "previous", "start", "step")
 )
-"""Indices of numbers of a run; see `Run`."""
+"""Indices of reals of a run, as fields of `Run`."""
 
 ACCEPTED, ROWS, SLOPE_KNOWN, AFTER_REJECT, KEPT = (
     COUNTS.places[name] for name in ("steps", "rows", "slope_known", "after_reject", "kept")
 )
-"""Indices of counts of a run; see `Counts`."""
+"""Indices of counts of a run, as fields of `Counts`."""
 
 
 @record
 class EventRun:
-    """State of a run with events: the steps that wait for a review, and the last change of the motion."""
+    """State of a run with events: the steps to be reviewed, and the last change of the motion."""
 
     count: int
-    """Number of steps that wait for a review; step i of them leads from row i to the next row."""
+    """Number of steps to be reviewed. Step i leads from row i to the next row."""
 
     begin: int
-    """Index of the first waiting step to review, from 1 on."""
+    """Index of the first step to review, from 1 on."""
 
     before: int
-    """1 if row 0 is the state before row 1, of the same motion."""
+    """1 if row 0 is the state before row 1, and belongs to the same motion."""
 
     outcome: int
-    """`Outcome` with which the driver took the waiting steps."""
+    """`Outcome` with which the driver returned after these steps."""
 
     rows: int
-    """Number of rows that were written before the waiting steps."""
+    """Number of rows that were written before these steps."""
 
     proven: int
-    """Number of zeros that were written on steps before the waiting ones."""
+    """Number of zeros that were written on earlier steps."""
 
     budget: int
     """Number of steps that the caller allows."""
@@ -125,16 +129,16 @@ class EventRun:
     """Number of resets of the state so far."""
 
     changed_at: int
-    """Number of steps when the motion began, or changed last."""
+    """Number of steps of the run when the motion began, or changed last."""
 
     breaks: int
     """Number of changes of the motion that are written."""
 
     break_room: int
-    """Number of them that the arrays can hold."""
+    """Number of changes of the motion that the arrays can hold."""
 
     due: int
-    """1 + the index of the event that changes the motion at the state, or 0."""
+    """0, or 1 + the index of the event that changes the motion at the present state."""
 
     way: int
     """Direction of the zero of that event: 1, -1, or 0 for a touch."""
@@ -146,7 +150,7 @@ class EventRun:
     """Time between the last two resets."""
 
     final: float
-    """End time of the run: a function within its noise of zero there counts as zero."""
+    """End time of the run. There, a function within its noise of zero counts as zero."""
 
 
 EVENT_RUN = form_of(EventRun)
@@ -154,17 +158,17 @@ EVENT_RUN = form_of(EventRun)
 
 
 GO_ON = -1
-"""Code that a part of the loop returns if the loop continues."""
+"""Code with which a part of the loop returns if the loop continues."""
 
 
 @dataclass(frozen=True)
 class Waiting:
-    """Steps of a run that wait for a review, the driver that takes them, and the arrays for accepted rows.
+    """Steps of a run that are not reviewed yet, the driver that takes steps, and the arrays for accepted rows.
 
-    They are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive` takes steps, from the
-    `laws`; see `TAKE_STEPS`. `reals` are the numbers of the run and then its floors, and `counts` its counts;
-    `kept_reals` and `kept_counts` are those before the steps. The driver has the state `y` at the indices `entries` of
-    its memory.
+    The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive`, of type
+    `TAKE_STEPS`, takes steps; `laws` is its first argument. `reals` are the reals of the run followed by its floors,
+    and `counts` its counts; `kept_reals` and `kept_counts` are their values before the steps. The driver has the state
+    `y` at the indices `entries` of its memory.
     """
 
     event_run: EventRun
@@ -185,12 +189,12 @@ class Waiting:
 
     @inline
     def row(self, number: int) -> Out:
-        """Return the state in row `number` of the waiting steps."""
+        """Return the state in row `number` of the steps to be reviewed."""
         return self.states[number * self.dimension :]
 
     @inline
     def take(self) -> int:
-        """Take the next steps; return `GO_ON`, or the code with which the loop ends."""
+        """Take the next steps. Return `GO_ON`, or the code with which the loop ends."""
         run, n, reals, counts = self.event_run, self.dimension, self.reals, self.counts
         t, end = reals[T], reals[END]
         is_first = run.both != 0 and run.before == 0
@@ -224,7 +228,7 @@ class Waiting:
 
     @inline
     def try_steps(self, tries: int) -> int:
-        """Try a number of steps, and return their `Outcome`."""
+        """Try `tries` steps, and return their `Outcome`."""
         self.event_run.left -= tries
         given = self.laws, self.reals, self.counts, self.driver_work
         outcome: int = self.drive(*given, tries, self.times[2:], self.row(2))
@@ -232,7 +236,7 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Write the waiting steps as rows; return `GO_ON`, or their outcome if it ends the loop."""
+        """Write the reviewed steps as rows. Return `GO_ON`, or their outcome if it ends the loop."""
         run, n, times = self.event_run, self.dimension, self.times
         self.write_rows(run.count)
         run.since, run.ahead = run.since + run.count, min(run.ahead * 2, run.longest)
@@ -243,7 +247,7 @@ class Waiting:
 
     @inline
     def write_rows(self, kept: int) -> None:
-        """Write the first `kept` steps as rows of the run."""
+        """Write the first `kept` of the steps as rows of the run."""
         rows, n = self.event_run.rows, self.dimension
         self.row_times[rows : rows + kept] = self.times[2 : kept + 2]
         size = kept * n
@@ -252,7 +256,7 @@ class Waiting:
 
     @inline
     def go_back(self, kept: int, t: float, state: In, length: float) -> None:
-        """Keep the first steps, and set the run to a time and state on the next one; there a new motion begins.
+        """Keep the first `kept` steps, and set the run to a time and state on the next step, where a new motion begins.
 
         `length` is the length of the step that contains this time.
         """
@@ -276,7 +280,7 @@ class Waiting:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Reset the floors to their values before the steps, and raise them by the rows that are kept."""
+        """Set the floors to their values before the steps, then raise them by the rows that are kept."""
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
             size = 0.0
@@ -289,8 +293,9 @@ class Waiting:
 class EventLoop:
     """The arguments of the loop over steps with events.
 
-    `values` are the event functions, and `resets` the new values of all resets; see `FUNCTION`. `break_times` and
-    `break_states` are the ends of the steps that were cut at changes of the motion, NaN if no step was cut.
+    `values` computes the event functions, and `resets` the new values of all resets; their type is `FUNCTION`.
+    `break_times` and `break_states` are the ends of the steps that were shortened at changes of the motion, NaN if no
+    step was.
     """
 
     samples: Samples
@@ -308,19 +313,19 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return the samples of some waiting steps, from row `first` on."""
+        """Return the samples of `steps` steps to be reviewed, from row `first` on."""
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
         return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
 
     @inline
     def setting(self, block: int, event: int) -> WholesOut:
-        """Return the array that begins with a setting of an event."""
+        """Return the part of the settings that begins at an event's entry of a block."""
         return self.settings[event + self.samples.events * block :]
 
 
 def loop_type() -> Bundle:
-    """Return the type of the arguments of the loop."""
+    """Return the type of an `EventLoop` parameter of a procedure."""
     waiting = Bundle(Waiting, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
     types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
     types |= {"watch": Bundle(ReviewedEvents, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
@@ -329,10 +334,10 @@ def loop_type() -> Bundle:
 
 @procedure(loop=loop_type)
 def event_steps(loop: EventLoop) -> int:
-    """Take and review steps until an irregular event, or the end; return an `Outcome`, `LOOK` or `READ_EVENTS`.
+    """Take and review steps until an irregular event, or the end. Return an `Outcome`, `LOOK` or `READ_EVENTS`.
 
-    `Outcome.WATCHED` means that the state is at a change of the motion that the caller has to make. A further call
-    continues where this one ended: steps that the caller has reviewed in the meantime are not reviewed again.
+    `Outcome.WATCHED` means that the caller must change the motion at the present state. A further call continues from
+    there. Steps that the caller has reviewed in the meantime are not reviewed again.
     """
     run, found, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
     code = GO_ON
@@ -354,7 +359,7 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Review the waiting steps from number `begin` on, and return the reason why the review ended."""
+    """Review the steps from number `begin` on, and return the reason why the review ended."""
     waiting, found = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
     steps = run.count + 1 - shift
@@ -370,7 +375,7 @@ def review_steps(loop: EventLoop) -> int:
 
 @inline
 def go_back(loop: EventLoop) -> None:
-    """Set the state to the change of the motion on step `begin`; at the end of the step that is the accepted state."""
+    """Set the state to the change of the motion on step `begin`. At the end of the step, take the accepted state."""
     waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
     run, n, step, s, slot = (
         waiting.event_run,
@@ -395,9 +400,9 @@ def go_back(loop: EventLoop) -> None:
 
 @procedure(apart=True, loop=loop_type)
 def reset(loop: EventLoop) -> bool:
-    """Apply the pending reset at the state if it is regular; else change nothing and return False.
+    """Apply the pending reset if it is regular. Else change nothing and return False.
 
-    `scratch` has room for the new state, the events before and after, and the results of all resets.
+    `scratch` has space for the new state, the events before and after it, and the results of all resets.
     """
     waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
     run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
@@ -433,10 +438,10 @@ def reset(loop: EventLoop) -> bool:
 
 @inline
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
-    """Return true if the motion passes zero as its path does, and the mass matrix is regular after the reset.
+    """Return True if the motion passes zero as its path does, and the mass matrix is regular after the reset.
 
-    On a long step the interpolant may reach zero while the velocity there points away again already. A reset would then
-    turn the motion the wrong way.
+    On a long step the interpolant may reach zero although the velocity there points away again. Then a reset would
+    reverse the motion wrongly.
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y
@@ -452,7 +457,7 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
     step, fixed_step = waiting.reals[H], waiting.reals[STEP]
     h, factor_of_time = (fixed_step if run.fixed != 0 else step) * ALONG, samples.factors[n]
     for b in range(WIDEST_VECTOR):
-        # Before and after the state along its slope, and moved by rounding.
+        # Evaluate before and after the state along its slope, and at the state perturbed by rounding.
         along = -h if b == 0 else h if b == 1 else 0.0
         time[b] = t * factor_of_time if b == 2 else t + along
         for j in range(n):
@@ -496,9 +501,9 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Keep the sign of an event function that the reset does not change; else set it to 0, unknown.
+    """Set the sign of an event function after a reset: kept if the reset does not change the function, else 0, unknown.
 
-    `values` are those of the event before and after. See `lagrange.trajectory.events.motion_start` for the rule.
+    `values` are the event function before and after. `lagrange.trajectory.events.motion_start` states the rule.
     """
     (before, after), side, was_near = values, sign[0], near[0]
     stays = not is_due and abs(after - before) <= noise

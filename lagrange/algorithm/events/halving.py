@@ -1,4 +1,4 @@
-"""Bernstein coefficients of a polynomial, whose signs bound its number of roots, and their subdivision."""
+"""Bernstein coefficients of a polynomial, and their subdivision. Their signs bound the number of roots."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, magnitude, quotient
 
 PASSES_AT_ONCE = 4
-"""Passes of a triangle of sums that are done in one loop, so that each number is read and written once for all."""
+"""Number of passes over a triangle of sums that one loop does, so that each number is read and written once for all."""
 
 
 @inline
 def sign_of(x: float, doubt: float) -> int:
-    """Return 1, -1, or 0 for a size up to `doubt`."""
+    """Return the sign of a number, 1 or -1, or 0 if its size is at most `doubt`."""
     return 1 if x > doubt else -1 if x < -doubt else 0
 
 
 @procedure(apart=True)
 def bernstein(c: In, count: int, b: Out) -> None:
-    """Write the Bernstein coefficients on [0, 1] of a polynomial.
+    """Write the Bernstein coefficients on [0, 1] of a polynomial with coefficients c of powers.
 
-    Those of s**k of degree n are the forward differences of the rank k over the binomial coefficient of n and k.
-    Pass i adds to each number from i + 1 on the one before it.
+    Those of s**k of degree n are the forward differences of rank k over the binomial coefficient of n and k. Pass i
+    adds to each number from i + 1 on the number before it.
     """
     weight = 1.0
     for k in range(count):
@@ -39,7 +39,7 @@ def bernstein(c: In, count: int, b: Out) -> None:
 
 @inline
 def add_four_times(b: Out, count: int) -> None:
-    """Add to each number the one before it, in four passes; pass i begins at index i + 1."""
+    """Add to each number the number before it, in four passes. Pass i begins at index i + 1."""
     first1, first2, first3 = b[1] + b[0], b[2] + b[1], b[3] + b[2]
     second2, second3 = first2 + first1, first3 + first2
     w, x, y, z = b[3], first3, second3, second3 + second2
@@ -55,9 +55,10 @@ def add_four_times(b: Out, count: int) -> None:
 
 @procedure
 def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float]:
-    """Return True if coefficients allow at most one sign change, their last sign, and their largest size.
+    """Return True if coefficients have at most one sign change, their last sign, and their largest size.
 
-    `first` is the sign of the first one, as decided for the interval before: round-off must not decide it twice.
+    `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide it
+    twice.
     """
     now, before, changes = first, first, 0
     size = abs(b[0])
@@ -69,7 +70,7 @@ def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float
             changes += 1
             before = now
             now = sign
-    # From one side through zero to the other is one passage; from zero and back to it is zero or two.
+    # A change of sign through zero is one crossing. Values that reach zero and return are zero or two.
     through = changes == 2 and before == 0 and now == -first
     return changes < 2 or through, now, size
 

@@ -1,4 +1,4 @@
-"""Polynomials on [0, 1]: values, derivatives, and the place where a polynomial changes its sign."""
+"""Polynomials on [0, 1]: values, derivatives, and the points at which they change sign."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ CHAINS = 4
 """Number of partial sums of a polynomial, each in powers of s**4, to hide the latency of additions."""
 
 PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
-"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS`, filled with zeros."""
+"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS` numbers, filled with zeros."""
 
 
 @inline
 def blocks(count: int) -> int:
-    """Return the number of blocks of `count` coefficients."""
+    """Return the number of blocks that contain `count` coefficients."""
     return quotient(count + (CHAINS - 1), CHAINS)
 
 
@@ -43,7 +43,7 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
 
 @procedure(apart=True)
 def value(c: In, count: int, s: float) -> float:
-    """Return a polynomial's value at a place."""
+    """Return a polynomial's value at the point s."""
     return evaluate((c,), count, s)[0]
 
 
@@ -57,7 +57,7 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 
 @procedure(apart=True)
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
-    """Return where a polynomial reaches a sign between two places; the end nearest to it if there is no such place."""
+    """Return the point between `begin` and `end` at which a polynomial reaches the sign; else the end nearest to it."""
     side = float(sign)
     below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
     above, last_rate = tuple(side * x for x in evaluate((c, slopes), count, end))
@@ -74,10 +74,10 @@ Pair = tuple[float, float]
 
 @inline
 def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
-    """Return the zero of a function between two places, by the cubic that interpolates the inverse function.
+    """Return the zero of a function between two points, by the cubic that interpolates the inverse function.
 
-    It is computed from values and slopes by divided differences of the inverse, each value taken twice. If a slope does
-    not rise, or the result is not between the places, the zero of the chord is returned.
+    The cubic uses values and slopes, by divided differences of the inverse function with double points. If a slope is
+    not positive, or the result is not between the points, the zero of the chord is returned.
     """
     begin, end = places
     below, above = values
@@ -93,9 +93,9 @@ def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
 
 @procedure(apart=True)
 def approach(c: In, slopes: In, count: int, begin: float, end: float, start: float, sign: int) -> float:
-    """Return where a polynomial reaches a sign between two places, by Newton's method from the place `start`.
+    """Return the point between two points at which a polynomial reaches a sign, by Newton's method from `start`.
 
-    A step that leaves the bracket, or does not halve the step before, is replaced by bisection.
+    A step that leaves the bracket, or is longer than half of the previous step, is replaced by bisection.
     """
     side = float(sign)
     low, high, place = begin, end, start
@@ -109,12 +109,12 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
         change = size / slope
         ahead = s - change
         is_good = slope > 0.0 and 2.0 * abs(size) < abs(step) * slope and low <= ahead <= high
-        # A branch, which processors foresee: the next place does not wait for these comparisons.
+        # A branch, which processors predict: the next point does not wait for these comparisons.
         if unlikely(not is_good):
             change = s - (low + high) * 0.5
         if abs(change) <= EPSILON * s:
             return s - change
-        # Newton's method squares its error: what the next step would be follows from these two.
+        # Newton's method squares its error: the size of the next step follows from these two.
         next_change = abs(change) * change * change
         if is_quick and is_good and next_change <= CONVERGED * s * (step * step):
             return s - change
@@ -124,7 +124,7 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
 
 @procedure(apart=True)
 def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
-    """Return where a polynomial reaches a sign between two places, from its coefficients alone; see `crossing`."""
+    """Return the point between `low` and `high` at which a polynomial reaches a sign, as `crossing` does."""
     slopes = reals(PADDED)
     derivative(c, count, slopes)
     return crossing(c, slopes, count, low, high, sign)
@@ -132,7 +132,10 @@ def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
 
 @procedure(apart=True)
 def turn(c: In, count: int, low: float, place: float, high: float, depth: float, sign: int, doubt: float) -> float:
-    """Return where sign times a polynomial has a minimum between two places, near a place where it is `depth`."""
+    """Return the point near `place` at which sign times a polynomial has a minimum between `low` and `high`.
+
+    `depth` is its value at `place`.
+    """
     slopes, bends = reals(PADDED), reals(PADDED)
     derivative(c, count, slopes)
     derivative(slopes, count, bends)

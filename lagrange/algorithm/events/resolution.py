@@ -1,4 +1,4 @@
-"""A function on a step as a polynomial: computed from samples at Chebyshev points, if these resolve it to round-off."""
+"""The polynomial of a function on a step, from samples at Chebyshev points, if these resolve the function."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Reals = tuple[float, ...]
 
 @inline
 def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
-    """Return the sum of the terms, each times its weight; weights without a term are ignored."""
+    """Return the sum of products of terms and weights. Weights without a term are ignored."""
     total = terms[0] * weights[0]
     for term, weight in zip(terms[1:], weights[1:], strict=False):
         total = fma(term, weight, total)
@@ -26,7 +26,7 @@ def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
 def transform(values: Reals) -> Reals:
     """Return Chebyshev coefficients from the values at the nodes.
 
-    Polynomials of even degree are symmetric about the middle, the others antisymmetric, so half of the products
+    Polynomials of even degree are symmetric about the middle, the others antisymmetric. So half of the products
     suffice.
     """
     degree = len(values) - 1
@@ -39,9 +39,9 @@ def transform(values: Reals) -> Reals:
 
 @inline
 def keeps_sign(coefficients: Reals, noise: float) -> bool:
-    """Return True if the Chebyshev coefficients of a function show that it keeps its sign.
+    """Return True if the Chebyshev coefficients of a function prove that it keeps its sign.
 
-    The unresolved part is estimated as eight times the last coefficients.
+    The unresolved part is estimated as `TAIL` times the last coefficients.
     """
     others = abs(coefficients[1])
     for coefficient in coefficients[2:]:
@@ -52,7 +52,7 @@ def keeps_sign(coefficients: Reals, noise: float) -> bool:
 
 @inline
 def largest(values: Reals) -> float:
-    """Return the largest magnitude of some numbers, NaN if one is NaN."""
+    """Return the largest magnitude of some numbers, NaN if one of them is NaN."""
     size = values[0]
     for number in values[1:]:
         size = magnitude(size, number)
@@ -61,7 +61,10 @@ def largest(values: Reals) -> float:
 
 @procedure(apart=True)
 def chebyshev(values: In, out: Out) -> float:
-    """Write Chebyshev coefficients from values of a function at the nodes; return the size of the values."""
+    """Write Chebyshev coefficients from values of a function at the nodes.
+
+    Return the largest magnitude of the values.
+    """
     numbers = tuple(values[k] for k in unrolled(DEGREE + 1))
     for k, coefficient in enumerate(transform(numbers)):
         out[k] = coefficient
@@ -72,12 +75,12 @@ def chebyshev(values: In, out: Out) -> float:
 def local_polynomial(
     given: In, size: float, noise: float, before: float, least: float, powers: Out
 ) -> tuple[int, float, float]:
-    """Write a function as powers; return their number, their error, and the size of the last coefficients.
+    """Write a function as powers. Return their number, their error, and the size of the last coefficients.
 
-    The number is 0 if the function is not resolved, and 1 if its sign alone is certain. Coefficients below round-off,
-    or below `least`, are left out and counted as noise. So are those beyond the degree: at a kink they fall so slowly
-    that their sum is the last one times some degrees. Last coefficients that halving did not make smaller than `before`
-    are noise too.
+    The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients below rounding, or
+    below `least`, are omitted and counted as noise. The coefficients beyond the degree are noise as well: at a kink
+    they decrease so slowly that their sum is several times the last one. The last coefficients are also noise if
+    halving did not make them smaller than `before`.
     """
     coefficients = tuple(given[k] for k in unrolled(DEGREE + 1))
     tail = magnitude(coefficients[-2], coefficients[-1])

@@ -1,18 +1,18 @@
 """Zeros of an event function that is a polynomial on each step: each root once, in order, with its direction.
 
-The contract is that of a relay. A sign counts once it is beyond the noise, a crossing is reported by the step in
-which the opposite sign first counts, and a touch by the step in which g, having come within its noise of zero,
-counts again with the sign it had. So crossings alternate over a whole run, a root at a joint is reported once
-whatever the round-off on its two sides (by the later step, at time 0), and g that stays clear of zero by more than
-its noise has no root. Roots so close that g stays within its noise between them are one: two of them a touch,
-three a crossing. Measured on h = 1: two roots by themselves merge when closer than 1e-7 to 2e-7, three at spacings
-below 2e-5 to 5e-5; of roots strewn over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten,
-and never 16. A simple root is refined to the round-off of g divided by its slope. The two steps that meet at a joint
-must agree on g there within their noise.
+The search works like a relay. A sign counts once it exceeds the noise. A crossing is reported by the step in which the
+opposite sign first counts. A touch is reported if g has been within its noise of zero and then has the same sign again.
+So crossings alternate over a whole run, and a root at a joint of two steps is reported once, whatever the rounding on
+its two sides (by the later step, at time 0). If |g| stays above its noise there is no root. Roots between which g stays
+within its noise are one: two of them a touch, three a crossing. The two steps at a joint must agree on g there within
+their noise.
 
-Descartes' rule counts the roots by the signs of the Bernstein coefficients; a part of the step where they may stand
-for more than one is halved.
-Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112-117.
+Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5. Of
+roots distributed over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten, and never 16. A
+simple root is refined to the rounding error of g divided by its slope.
+
+Descartes' rule bounds the number of roots by the signs of the Bernstein coefficients. A part of the step that may have
+more than one root is halved. Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112-117.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Wr
 
 @record
 class Relay:
-    """Record of the search at a place in the step: the last sign, and how near the function came to zero since then."""
+    """State of the search at a point of the step: the last sign, and the value nearest to zero since then."""
 
     found: int
-    """Number of roots, also of those for which there is no room."""
+    """Number of roots, including those for which the arrays have no space."""
 
     sign: int
     """The last sign beyond the noise, 0 if there was none."""
 
     low: float
-    """Place in [0, 1] where the function had that sign."""
+    """Point in [0, 1] at which the function had that sign."""
 
     near: int
-    """1 if the function has come to zero within its noise since then."""
+    """1 if the function has been within its noise of zero since then, else 0."""
 
     near_at: float
-    """Place where it came nearest to zero, or farthest beyond."""
+    """Point at which it was nearest to zero, or farthest beyond."""
 
     depth: float
     """Value of the function at `near_at`, times the sign."""
 
     counted: int
-    """1 until the function has left a root at the start that belongs to the step before."""
+    """1 while the function is at a root at the start that the previous step has reported."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """Root isolation of a polynomial with coefficients `c` on [0, 1], and the arrays for its roots.
+    """Root isolation of a polynomial with `count` coefficients `c` on [0, 1], and the arrays for its roots.
 
-    The `count` coefficients are known up to `doubt`.
+    `doubt` is the error of its values.
     """
 
     c: Readable[float]
@@ -73,7 +73,7 @@ class Search:
 
     @inline
     def reach(self, place: float, sign: int) -> None:
-        """Process a sign of the function at a place."""
+        """Process the sign of the function at a point."""
         if unlikely(sign == 0):
             self.come_near(place)
         else:
@@ -81,7 +81,7 @@ class Search:
 
     @inline
     def come_near(self, place: float) -> None:
-        """Process a place within the noise; the place where the function is least on its side is stored."""
+        """Process a point within the noise. The point with the least value, times the sign, is stored."""
         relay = self.relay
         if relay.counted == 0:
             depth = float(relay.sign) * value(self.c, self.count, place)
@@ -92,10 +92,7 @@ class Search:
 
     @inline
     def count_sign(self, place: float, sign: int) -> None:
-        """Process a sign beyond the noise.
-
-        After the opposite sign it is a crossing, after the same sign a touch or nothing.
-        """
+        """Process a sign beyond the noise. The opposite sign is a crossing; the same sign a touch, or nothing."""
         relay = self.relay
         before = relay.sign
         if sign == -before:
@@ -109,7 +106,7 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return where the function turns back, between its last sign beyond the noise and another place."""
+        """Return the point nearest to zero between the last sign beyond the noise and `high`."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
 
@@ -136,16 +133,16 @@ def roots(
     rising: WholesOut,
     room: int,
 ) -> tuple[int, int, bool]:
-    """Find the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
+    """Find the roots of sum c[k] tau**k for tau from 0 to h, in the direction of integration.
 
-    `sign` and `near` are the side of zero before the step, and are returned for its end. `sign` is the last sign beyond
-    doubt, 1 or -1. It is 0 if there was none: g starts here, and a root at the start is not an event. `near` is true if
-    g has come to zero within its noise since then. `noise`, in the units of g, is the error of g besides the round-off
-    of its coefficients. `last` is true if no step follows: the slope then decides a root at the very end.
+    `sign` and `near` are the side of zero before the step; those at its end are returned. `sign` is the last sign
+    beyond the noise, 1 or -1. It is 0 if there was none: g starts here, and a root at the start is not an event. `near`
+    is true if g has been within its noise of zero since then. `noise`, in the units of g, is the error of g without the
+    rounding of its coefficients. `last` is true if no step follows: then the slope decides a root at the end.
 
-    `times` and `rising` take up to `room` roots: tau, and 1 where g rises with the integration, -1 where it falls, 0
-    where it turns back. The first result is their number: -1 if a coefficient is not finite, -2 if there are more than
-    `room`. In both cases the other results are undefined.
+    `times` and `rising` take up to `room` roots: tau, and 1 where g rises along the integration, -1 where it falls, 0
+    where it touches zero. The first result is their number; it is -1 if a coefficient is not finite, -2 if there are
+    more than `room`. In these two cases the other results are undefined.
     """
     c, relay = reals(PADDED), Relay()
     doubt, others, rates, end = scaled(coefficients, count, h, noise, c)
@@ -157,7 +154,7 @@ def roots(
     isolate(search, first, others, rates, end)
     is_near = relay.near != 0 and relay.sign != 0
     if unlikely(is_near and last):
-        # The end of a run: it is a crossing if g is still on its way to zero.
+        # At the end of a run it is a crossing if g is still approaching zero.
         if float(relay.sign) * slope_at_end(c, count) < 0.0:
             search.report(1.0, -relay.sign)
         else:
@@ -167,7 +164,7 @@ def roots(
 
 @inline
 def sort_zeros(count: int, times: Any, others: tuple[Any, ...]) -> None:
-    """Sort zeros by time, and `others` of the same length with them; equal times stay in their order."""
+    """Sort zeros by time, together with the arrays `others` of the same length. The order of equal times is kept."""
     for i in range(1, count):
         j = i
         while j > 0 and times[j] < times[max(j - 1, 0)]:
@@ -178,11 +175,11 @@ def sort_zeros(count: int, times: Any, others: tuple[Any, ...]) -> None:
 
 @inline
 def begin(search: Search, first: int, sign: int, near: bool) -> None:
-    """Begin with the sign at the start of the step, on the side that the step before left."""
+    """Begin at the start of the step, with the side on which the previous step ended."""
     relay, c = search.relay, search.c
     is_leaving = float(sign) * c[1] >= 0.0
-    # Without `near`, a root that g leaves at a joint was counted by the step before; one that it comes to is new.
-    # With it, a start that counts and leaves is a touch at the joint, and one still on its way there is not yet.
+    # Without `near`, the previous step counted a root at the joint that g leaves. A root that g reaches there is new.
+    # With it, a start beyond the noise that leaves zero is a touch at the joint; one that still approaches is none yet.
     is_new = (near or not is_leaving) if first == 0 else (near and is_leaving)
     relay.sign = sign
     relay.near = int(is_new)
@@ -196,7 +193,7 @@ def begin(search: Search, first: int, sign: int, near: bool) -> None:
 def isolate(search: Search, first: int, others: float, rates: float, end: float) -> None:
     """Visit the parts of the step in order, and halve those that may have more than one root.
 
-    `first` is the sign at the start, `end` the value at the end, and `others` and `rates` are sums of terms; see
+    `first` is the sign at the start, and `end` the value at the end. `others` and `rates` are the sums of magnitudes in
     `scaling.Sums`.
     """
     c, count, doubt = search.c, search.count, search.doubt
@@ -204,7 +201,8 @@ def isolate(search: Search, first: int, others: float, rates: float, end: float)
     starts, widths = reals(DEEPEST_HALVING + 1), reals(DEEPEST_HALVING + 1)
     starts[0], widths[0] = 0.0, 1.0
     part, is_decided, there, size = 0, True, sign_of(end, doubt), 0.0
-    # All but the first coefficient cannot outweigh it: no root. The slope keeps its sign: one at most.
+    # If the first coefficient exceeds the sum of all others, there is no root. If the slope keeps its sign, there is at
+    # most one.
     is_clear = abs(c[0]) > SURELY * (others + doubt)
     is_monotonic = 2.0 * abs(c[1]) > SURELY * rates
     if not (is_clear or is_monotonic):
@@ -214,7 +212,7 @@ def isolate(search: Search, first: int, others: float, rates: float, end: float)
     while part >= 0:
         begin, width = starts[part], widths[part]
         half = width * 0.5
-        # At the edge of its noise a function would be halved everywhere, for its round-off: hence the factor 2.
+        # Near its noise a function would be halved everywhere, because of its rounding: hence the factor 2.
         is_narrow = width <= NARROWEST or size <= 2.0 * doubt
         if likely(is_decided or is_narrow):
             if unlikely(not is_decided):

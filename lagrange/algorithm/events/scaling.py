@@ -10,8 +10,9 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, mantissa, two_to, unlikely, wholes
 
 Sums = tuple[float, float, float, float]
-"""Noise of a sum of terms (infinite or NaN if an input is not finite), sizes of all but the first term, sizes of the
-derivative's terms, and the value at the end of the step."""
+"""Noise of a sum of terms (infinite or NaN if an input is not finite); sum of magnitudes of all terms but the first;
+sum of magnitudes of the derivative's terms; value at the end of the step.
+"""
 
 
 @inline
@@ -45,7 +46,7 @@ def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) ->
 
 @procedure
 def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write c[k] h**k, over a power of two if that prevents overflow, padded with zeros; return noise and sums."""
+    """Write c[k] h**k, padded with zeros, over a power of two if that prevents overflow. Return the noise and sums."""
     doubt, others, rates, end = write_terms(coefficients, count, h, noise, c)
     pad(c, count, count)
     if unlikely(not (is_plain_step(h, count) and is_plain(abs(c[0]) + others, noise))):
@@ -55,7 +56,7 @@ def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums
 
 @procedure(apart=True)
 def split(x: float) -> tuple[float, int]:
-    """Return a number as a signed significand from 1 up to 2, and the exponent of a power of two; 0 and 0 for zero."""
+    """Return a number as a signed significand of magnitude 1 to 2, and an exponent of two; 0 and 0 for zero."""
     is_tiny = abs(x) < SMALLEST
     y = x * 2.0**54 if is_tiny else x
     significand = math.copysign(mantissa(y), x)
@@ -65,7 +66,7 @@ def split(x: float) -> tuple[float, int]:
 
 @procedure(apart=True)
 def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write coefficients in units of the step over a power of two, like `scaled`, near overflow or underflow."""
+    """Write coefficients in units of the step, over a power of two, like `scaled`, near overflow or underflow."""
     is_finite = abs(h) < math.inf and abs(noise) < math.inf
     for k in range(count):
         size = abs(coefficients[k])
@@ -90,6 +91,6 @@ def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> 
 
 @inline
 def lowered(x: float, power: int) -> float:
-    """Return a number times a power of two of at most 1; results far below the largest become zero."""
-    # The exponent of zero may be above that of the largest.
+    """Return x * 2**min(power, 0), or 0 for a power below -1000."""
+    # The exponent of zero may exceed that of the largest term.
     return 0.0 if power < -1000 else x * two_to(min(max(power, -1000), 0))

@@ -1,9 +1,7 @@
-"""Review of many steps for events, block by block.
+"""Review of many steps for events, block by block: functions that keep their sign are excluded, zeros isolated.
 
-Functions that keep their sign on a step are excluded; zeros of the others are isolated.
-
-An irregular event ends the review before its step: one without a value, one that is not resolved, one that starts at
-zero and does not leave at once, or several that change the motion at one time.
+An irregular event ends the review before its step: an event without a value; one that is not resolved; one that starts
+at zero and does not leave it at once; or several that change the motion at one time.
 """
 
 from __future__ import annotations
@@ -15,14 +13,14 @@ from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import WholesOut, unlikely, wholes
 
 QUEUE = 256
-"""Number of steps that are screened before the doubtful ones among them are examined."""
+"""Number of steps that are screened before those that may contain zeros are examined."""
 
 
 @procedure(samples=samples_type, watch=lambda: Bundle(ReviewedEvents, {}))
 def review(samples: Samples, watch: ReviewedEvents) -> int:
-    """Review steps, times (S+1,) and states (S+1, 2n), and return the reason why the review ended.
+    """Review steps, times (S+1,) and states (S+1, 2n). Return the reason why the review ended.
 
-    It writes the event, the time and the state of each zero that counts. If a zero that changes the motion ended the
+    The event, the time and the state of each zero that counts are written. If a zero that changes the motion ended the
     review, it is written after them and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
@@ -56,7 +54,10 @@ def review(samples: Samples, watch: ReviewedEvents) -> int:
 def queue_block(
     samples: Samples, lines: Lines, watch: ReviewedEvents, places: WholesOut, first: int, queue: WholesOut, filled: int
 ) -> int:
-    """Append the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
+    """Append the steps of a block that may contain zeros, and always the first step of all, to the queue.
+
+    Returns the new length of the queue.
+    """
     end, is_bad = watch.review.end, False
     for b in range(WIDEST_VECTOR):
         places[b] = min(first + b, end - 1)

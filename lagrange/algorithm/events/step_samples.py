@@ -1,4 +1,4 @@
-"""Samples of event functions on a block of steps, and the decision on which steps they may vanish."""
+"""Samples of event functions on a block of steps, and the decision on which steps they may be zero."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 SLOPE_AT = 0.5 - 12**-0.5
-"""Point of the largest slope of s**2 (1 - s)**2."""
+"""Fraction of the step at which s**2 (1 - s)**2 has its largest slope."""
 
 MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
-"""Largest value of s**2 (1 - s)**2, relative to its largest slope."""
+"""Largest value of s**2 (1 - s)**2, divided by its largest slope."""
 
 SAFELY = 4.0
-"""Safety factor of the estimated error of a cubic; like all noise it is multiplied by four in addition."""
+"""Safety factor of the estimated error of a cubic. Like all noise it is multiplied by four in addition."""
 
 UNRESOLVED = 0.02
-"""A cubic that misses more than this fraction of the change of an entry of the state cannot exclude events."""
+"""If a cubic misses more than this fraction of the change of an entry of the state, it cannot exclude events."""
 
 Reals = tuple[float, ...]
 
 
 class Widths(NamedTuple):
-    """Numbers of columns, one per sample, for a block of steps.
+    """Numbers of columns, one for each sample, for a block of steps.
 
-    `wide` is for the first samples, at few nodes and at both ends moved by rounding; `full` is for all nodes of the
-    block; `part` is for the nodes of a part of one step.
+    `wide` is for the first samples: at few nodes, and at both ends perturbed by rounding. `full` is for all nodes of
+    the block. `part` is for the nodes of a part of one step.
     """
 
     wide: int
@@ -66,8 +66,8 @@ class Lines:
     """Work memory for samples: times and states by columns, then arrays with a column for each event.
 
     `far` is 1.0 for a step whose cubic cannot exclude events. `missed` and `moved` are the event functions at the
-    starts of steps, with the state moved by the error of the cubic, and by a small part of its range. `noise` and
-    `edge_end` are the errors of events on a step and at its end, and `doubtful` is 1.0 if an event may vanish.
+    starts of steps, for the state perturbed by the error of the cubic, and by a small part of its range. `noise` and
+    `edge_end` are the errors of events on a step and at its end. `doubtful` is 1.0 if an event may be zero.
     """
 
     t_end: Out
@@ -103,12 +103,12 @@ def work_size(dimension: int, events: int, columns: int = WIDEST_VECTOR) -> int:
 
 @dataclass(frozen=True)
 class Samples:
-    """Steps of a run and the events along them: what a procedure needs to sample events on blocks of steps.
+    """Steps of a run, and what is needed to sample the events along them on blocks of steps.
 
-    `polynomial` writes the dense output of a block, of a `degree`, into `c`; it needs the neighbours of steps if `both`
-    is 1. If it `screens`, cubics by `screen` and the right-hand side, the `law`, come first. `kernel` evaluates the
-    events. `factors` move the entries of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a
-    block are by columns, as in `dense.block`; so are the lines of events.
+    `polynomial` writes the dense output of a block, of a `degree`, to `c`; it needs the neighbours of steps if `both`
+    is 1. If `screens` is true, cubics by `screen` and the right-hand side `law` come first. `kernel` evaluates the
+    events. `factors` perturb the entries of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a block,
+    and the arrays of events, are by columns, as in `dense.block`.
     """
 
     polynomial: Callable[..., Any]
@@ -158,7 +158,7 @@ class Samples:
 
     @inline
     def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
-        """Gather the steps of a block, whose numbers are `places`."""
+        """Copy the steps of a block, whose numbers are `places`, to its memory."""
         run = self.steps, self.times, self.states
         gather(self.dimension, self.columns, places, *run, both, self.own, self.beside)
         for b in range(self.columns):
@@ -166,9 +166,9 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, places: WholesIn) -> bool:
-        """Write the dense output of a block, and which events may vanish on it.
+        """Write the dense output of a block, and which events may be zero on it.
 
-        The result is True if some event has no value.
+        Return True if an event has no value.
         """
         self.gather(lines, places, self.both)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -176,10 +176,10 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, places: WholesIn) -> bool:
-        """Write which events may vanish on a block, by the cubics through the ends of its steps and their defects.
+        """Write which events may be zero on a block, by the cubics through the ends of its steps and their defects.
 
-        A cubic misses K s**2 (1 - s)**2 of the path, and its slope most at `SLOPE_AT`: the defect there gives K. The
-        result is True if events have no value, or a mass matrix is singular.
+        A cubic misses K s**2 (1 - s)**2 of the path. The defect is largest at `SLOPE_AT` and gives K. The result is
+        True if an event has no value, or a mass matrix is singular.
         """
         self.gather(lines, places, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -211,7 +211,10 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Write which events may vanish on a block; what a screen misses is noise. Return true if one has no value."""
+        """Write which events may be zero on a block.
+
+        The error of a screen is noise. Return True if an event has no value.
+        """
         columns = self.columns
         is_bad = self.sample_coarsely(lines, degree)
         for e in range(self.events):
@@ -233,7 +236,7 @@ class Samples:
 
     @inline
     def some_doubtful(self, lines: Lines, b: int) -> bool:
-        """Return true if an event may vanish on a step."""
+        """Return True if an event may be zero on the step in column `b`."""
         is_doubtful = False
         for e in range(self.events):
             doubtful = lines.doubtful[e * self.columns + b]
@@ -242,7 +245,7 @@ class Samples:
 
     @inline
     def sample_coarsely(self, lines: Lines, degree: int) -> bool:
-        """Evaluate events at few nodes, at ends moved by rounding, and moved by a part of the range of the state."""
+        """Evaluate events at few nodes, at both ends perturbed by rounding, and perturbed by a part of the range."""
         columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
         wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
         for b in self.each_column():
@@ -264,7 +267,7 @@ class Samples:
 
     @inline
     def evaluate(self, columns: int, t: In, y: In, out: Out) -> bool:
-        """Evaluate the events on columns; return true if one has no value."""
+        """Evaluate the events on columns. Return True if an event has no value."""
         half = quotient(self.dimension, 2) * columns
         is_bad: bool = self.kernel(columns, t, y, y[half:], self.parameters, out) >= 0
         return is_bad
@@ -296,7 +299,7 @@ class Samples:
 
     @inline
     def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
-        """Evaluate the events at the nodes of a part of a step; spare columns are at its end."""
+        """Evaluate the events at the nodes of a part of a step. Unused columns repeat its end."""
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
         h, places = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
@@ -315,7 +318,7 @@ class Samples:
 
 
 def samples_type(*without: str) -> Bundle:
-    """Return the type of a `Samples` parameter of a procedure; the fields `without` are left out."""
+    """Return the type of a `Samples` parameter of a procedure, without the fields `without`."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
     types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
@@ -324,13 +327,13 @@ def samples_type(*without: str) -> Bundle:
 
 @inline
 def times_at(t: float, end: float, thetas: Sequence[float]) -> Reals:
-    """Return the times at fractions of a step, whose first and last one are its ends."""
+    """Return the times at fractions of a step. The first and the last are exactly its ends."""
     return (t, *(fma(end - t, theta, t) for theta in thetas[1:-1]), end)
 
 
 @inline
 def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -> Reals:
-    """Return an entry of the state in a column at fractions of the step."""
+    """Return the values of an entry of the state in column `b` at fractions of the step."""
     top = c[degree * total :][b]
     sums = tuple(top for _ in thetas)
     for k in range(degree):
@@ -341,7 +344,7 @@ def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -
 
 @inline
 def extent(values: Reals) -> tuple[float, float]:
-    """Return the least and the largest of some numbers, ignoring NaN."""
+    """Return the smallest and the largest of some numbers, ignoring NaN."""
     low = high = values[0]
     for value in values[1:]:
         low, high = value if value < low else low, value if value > high else high
@@ -350,14 +353,14 @@ def extent(values: Reals) -> tuple[float, float]:
 
 @inline
 def edge_noise(value: float, moved: float) -> float:
-    """Return the error of an event from the rounding of an accepted state."""
+    """Return the error of an event due to the rounding of an accepted state."""
     error = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
     return error if error < math.inf else 0.0
 
 
 @inline
 def path_noise(values: Reals, moved: float) -> float:
-    """Return the error of an event on a step from the round-off of its dense output.
+    """Return the error of an event on a step due to the rounding of its dense output.
 
     The error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x and v
     change.

@@ -1,9 +1,8 @@
 """Zeros of events on one step, in order, up to the first that changes the motion.
 
-That zero must be isolated from all others in time.
-
-An event that starts at zero where the motion starts is divided by time, less its value there: its zero there is known,
-and the next may be close. What it is at the start stays subtracted on the whole step.
+That zero must be isolated from all others in time. If an event starts at zero at the start of the motion, its value
+there is subtracted on the whole step. The result is divided by time: this removes the known zero, and the next zero may
+be close to it.
 """
 
 from __future__ import annotations
@@ -44,17 +43,20 @@ from lagrange.procedure.front.vocabulary import (
 
 ENDED, IRREGULAR, CHANGED, CROWDED = range(4)
 """Reasons for the end of a review: after the last step; before an irregular step; before a step on which the motion
-changes; before a step whose zeros may not fit into the arrays."""
+changes; before a step whose zeros may not fit into the arrays.
+"""
 
 UNKNOWN, ANYHOW = 0, 5
-"""Codes in place of a direction, for an event that starts at zero: decided by the caller; ignored."""
+"""Codes in place of a direction for an event that starts at zero. UNKNOWN: the caller decides. ANYHOW: the zero is
+ignored.
+"""
 
 MOST_ZEROS = 128
 """Largest number of zeros on one step that a review handles."""
 
 
 Part = tuple[float, float, int, float, float]
-"""A part of a step: its start and width, the number of coefficients there, their error, and the function's size."""
+"""A part of a step: its start and width, the number of coefficients, their error, and the size of the function."""
 
 
 @record
@@ -62,31 +64,31 @@ class Review:
     """Record of a review: the steps to review, and the reason and place where it ended."""
 
     begin: int
-    """First step that the review visits."""
+    """Number of the first step that the review visits."""
 
     end: int
-    """Step before which the review must end."""
+    """Number of the step before which the review must end."""
 
     starts: int
     """1 if the motion starts at the first step."""
 
     last: int
-    """Last step of the run, -1 if it is not among them."""
+    """Number of the last step of the run, -1 if it is not among the steps."""
 
     rounded: float
     """Change of an event by the rounding of all steps so far, in units of its noise."""
 
     room: int
-    """Number of zeros that the arrays can hold."""
+    """Number of zeros for which the arrays have space."""
 
     found: int
-    """Number of zeros that count and are written, with those from before."""
+    """Number of zeros that count and are written, including earlier ones."""
 
     step: int
-    """Step before which the review ended."""
+    """Number of the step before which the review ended."""
 
     event: int
-    """Index of the event that changes the motion on it."""
+    """Index of the event that changes the motion on that step."""
 
     way: int
     """Direction of the zero of that event."""
@@ -103,11 +105,12 @@ REVIEW = form_of(Review)
 class ReviewedEvents:
     """The events of a run: the record of a review, the side of each event, and the arrays for zeros.
 
-    `sign` and `near` are the sides of the events, as in `Relay`. `direction` says which zeros count, 0 for all, and
-    `remaining` how many of them until the motion changes, 0 or below for never. Where the motion starts, some events
-    have `stayed` at zero to a size, to which they `came` in a direction, plus 2; see also `UNKNOWN` and `ANYHOW`.
-    `noted` has four blocks: sides and counts after the step, and 1 if an event starts at zero; `levels` are the values
-    that it had there.
+    `sign` and `near` are the sides of the events, as in `Relay`. `direction` is the direction of the zeros that count,
+    0 for all. `remaining` is the number of zeros until the motion changes, 0 or below for never. At the start of the
+    motion some events have `stayed` at zero within a size; they `came` there in a direction, stored plus 2, or as
+    `UNKNOWN` or `ANYHOW`.
+
+    `noted` has four blocks: sides, counts after the step, 1 if an event starts at zero, and `levels`, the values there.
     """
 
     review: Review
@@ -126,9 +129,9 @@ class ReviewedEvents:
 
 @dataclass(frozen=True)
 class ZeroSearch:
-    """The search for zeros on one step of a block, with memory for them.
+    """The search for zeros on one step of a block, with its memory.
 
-    `signs`, `nears` and `lefts` are the sides and counts of the events after the step.
+    `signs`, `nears` and `lefts` are the sides and remaining counts of the events after the step.
     """
 
     samples: Samples
@@ -151,7 +154,7 @@ class ZeroSearch:
 
     @inline
     def begin_at_zero(self, step: int) -> bool:
-        """Note which events start at zero in the first step of a block; return True if one of them is irregular.
+        """Record which events start at zero in the first step of a block. Return True if one of them is irregular.
 
         An event with a reset is regular only if the reset led to that zero. An event whose side is known is treated as
         at any joint of two steps.
@@ -173,14 +176,14 @@ class ZeroSearch:
 
     @inline
     def may_vanish(self, b: int, e: int) -> bool:
-        """Return true if an event may vanish on a step, or if its side is not settled."""
+        """Return True if event `e` may be zero on the step in column `b`, or if its side is not known."""
         doubtful = self.lines.doubtful[e * self.samples.columns + b]
         sign, near = self.watch.sign[e], self.watch.near[e]
         return doubtful != 0.0 or sign == 0 or near != 0
 
     @inline
     def some_may_vanish(self, b: int) -> bool:
-        """Return true if an event may vanish on a step."""
+        """Return True if some event may be zero on the step in column `b`."""
         is_watched = False
         for e in range(self.samples.events):
             is_watched = self.may_vanish(b, e) or is_watched
@@ -188,10 +191,10 @@ class ZeroSearch:
 
     @inline
     def visit(self, step: int, b: int, is_bad: bool) -> int:
-        """Isolate the zeros on a step; return `ENDED`, or the reason why the review ends before it.
+        """Isolate the zeros on a step. Return `ENDED`, or the reason why the review ends before the step.
 
         A step that ends the review leaves all records unchanged, unless the motion changes on it. `is_bad` is true if
-        some event has no value on the block.
+        an event has no value on the block.
         """
         watch, review = self.watch, self.watch.review
         if unlikely(review.found + MOST_ZEROS >= review.room):
@@ -208,7 +211,7 @@ class ZeroSearch:
                 sort_zeros(count, self.times, (self.events, self.directions))
                 kept, change = count, self.first_change(count)
                 if unlikely(change >= 0):
-                    # Once more up to the change: an event may be zero there within its noise.
+                    # Repeat up to the change: an event may be zero there within its noise.
                     limit, besides, is_searching = self.times[change], self.events[change], True
         if unlikely(is_irregular):
             return IRREGULAR
@@ -228,8 +231,8 @@ class ZeroSearch:
     ) -> tuple[bool, int]:
         """Isolate the zeros of one event on a step, which is halved until it is a polynomial on each part.
 
-        `limit` is the end of the search, where the motion changes if `is_cut`, and `count` the number of zeros. Return
-        whether the event is irregular, and the new number of zeros.
+        `limit` is the end of the search; the motion changes there if `is_cut`. `count` is the number of zeros so far.
+        Returns True if the event is irregular, and the new number of zeros.
         """
         lines, place = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[place]
@@ -262,7 +265,7 @@ class ZeroSearch:
     def sample(self, b: int, e: int, start: float, width: float) -> tuple[bool, float]:
         """Write the Chebyshev coefficients of an event, less its level, on a part of a step.
 
-        Return whether it has no value, and its size.
+        Returns True if the event has no value there, and its size.
         """
         lines, columns, has_no_value = self.lines, self.samples.columns, False
         size = lines.size[e * columns + b]
@@ -281,7 +284,7 @@ class ZeroSearch:
     def keep_roots(self, e: int, begins: bool, part: Part, length: float, is_end: bool, count: int) -> tuple[bool, int]:
         """Isolate the roots on a fraction `length` of a part of a step, and add them to the `count` zeros.
 
-        Return whether they are irregular, as a jump over zero is, and the new number of zeros.
+        Returns True if they are irregular, as for a jump over zero, and the new number of zeros.
         """
         start, width, known, blur, size = part
         first, is_irregular, noise = int(begins), False, blur
@@ -303,10 +306,10 @@ class ZeroSearch:
 
     @inline
     def leave_zero(self, e: int, known: int, blur: float) -> tuple[bool, float]:
-        """Find the side to which an event leaves zero from its slope; return if it is irregular, and the slope's error.
+        """Find the side to which an event leaves zero; return True if it is irregular, and the error of its slope.
 
-        The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2. An event that goes on to where it
-        came from, or whose slope is zero within its error, is irregular.
+        The slope decides the side. The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2. An
+        event is irregular if it returns to the side from which it came, or if its slope is zero within its error.
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * blur, linear if known > 1 else 0.0
@@ -316,9 +319,9 @@ class ZeroSearch:
 
     @inline
     def first_change(self, count: int) -> int:
-        """Return the index of the first zero on a step that changes the motion, -1 if none does.
+        """Return the index of the first zero on a step that changes the motion, or -1.
 
-        Each earlier zero in a direction that counts lowers the number of zeros that its event has left.
+        Each earlier zero in a direction that counts reduces the remaining count of its event by one.
         """
         change = -1
         for j in range(count):
@@ -337,9 +340,9 @@ class ZeroSearch:
 
     @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
-        """End the review at a zero that changes the motion, after those before it; return why it ends.
+        """End the review at a zero that changes the motion, after the zeros before it. Return the reason why it ends.
 
-        Other events that are zero there within their noise occur there too: the next motion would not find them.
+        Other events that are zero there within their noise are recorded there too: the next motion would not find them.
         """
         watch, review = self.watch, self.watch.review
         s, event, t = self.times[change], self.events[change], self.samples.block().t[b]
@@ -365,7 +368,7 @@ class ZeroSearch:
 
     @inline
     def stays_clear(self, b: int) -> bool:
-        """Return True if events that started at zero exceed the value that they had there by the end of the step."""
+        """Return True if events that started at zero are larger than their initial value at the end of the step."""
         is_clear, columns = True, self.samples.columns
         for e in range(self.samples.events):
             if unlikely(self.starting[e] != 0):
@@ -376,7 +379,7 @@ class ZeroSearch:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Write the zeros, of `count`, that count and are before a fraction of the step."""
+        """Write those of the `count` zeros that count and are before a fraction of the step."""
         for j in range(count):
             time = self.times[j]
             if time < before and self.counts(j):
@@ -385,7 +388,7 @@ class ZeroSearch:
 
     @inline
     def write_zero(self, b: int, e: int, s: float) -> None:
-        """Write a zero as the next one: the event, its time and the state there."""
+        """Write a zero after the others: the event, its time and the state there."""
         samples, slot = self.samples, self.watch.review.found
         t, total = samples.block().t[b], samples.dimension * samples.columns
         self.watch.which[slot] = e
@@ -401,7 +404,7 @@ class ZeroSearch:
 
 @inline
 def step_zeros(samples: Samples, lines: Lines, watch: ReviewedEvents) -> ZeroSearch:
-    """Return the search for zeros, with its memory."""
+    """Return the search for zeros on a step, with its memory."""
     memory: tuple[Any, ...] = tuple(watch.noted[samples.events * k :] for k in unrolled(4))
     memory = (*memory, *(reals(DEEPEST_HALVING + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
     memory = (*memory, reals(MOST_ROOTS), wholes(MOST_ROOTS), reals(MOST_ZEROS), wholes(MOST_ZEROS), wholes(MOST_ZEROS))

@@ -20,20 +20,20 @@ from lagrange.program.elimination import Elimination
 from lagrange.program.program import GIVEN, Instruction, Program, SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
-"""Operations with a true or false result."""
+"""Operations whose result is true or false."""
 
 MOSTLY_ZERO = 4
-"""A triangle is cleared in a loop if its size is at least this many times its number of entries."""
+"""A triangle is cleared in a loop if its size is at least this many times the number of its nonzero entries."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """Printing of the solution of linear systems in a procedure.
+    """How the solution of linear systems is printed in a procedure.
 
-    Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
-    Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out; systems
-    in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails if a pivot in the
-    given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
+    Eliminations up to size `largest` are written out, with up to `substituted` multiplications of substitutions. Up to
+    `systems` systems with one matrix are solved together, with up to `entries` entries in solutions that are written
+    out. Systems in memory are solved `side_by_side`, or one after the other. Without `pivoting` a system fails if a
+    pivot in the given order is too small. Inputs are read `early`, at the start, or at their first use.
     """
 
     largest: int = LARGEST_IN_SOURCE
@@ -46,12 +46,12 @@ class Style:
 
 
 SOURCE = Style()
-"""Style for source text in other languages, whose compilers optimize."""
+"""Style for source text in other languages, whose compilers optimize it."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them.
+    """Inputs of the instructions of a program: time, state, and parameters followed by prepared numbers.
 
     `names` are the names of values in printed code, by instruction.
     """
@@ -62,7 +62,7 @@ class Inputs:
     state: Memory | None = None
     names: Mapping[int, str] = field(default_factory=dict)
     largest: int = LARGEST_IN_SOURCE
-    """Largest matrix whose prepared factors are those of a written-out elimination; see `PreparedLayout`."""
+    """Largest matrix whose prepared factors are those of a written-out elimination, as in `PreparedLayout`."""
 
 
 @dataclass(frozen=True)
@@ -81,26 +81,26 @@ class Body:
         self.p, self.program, self.inputs, self.style = p, program, inputs, style
         self.values: dict[int, Any] = {}
         self.places = {one: ref for ref, one in enumerate(program.instructions) if one.op in ANGLES}
-        """Instructions that compute a sine or a cosine of the program, with their numbers."""
+        """Numbers of the instructions that compute a sine or a cosine, by instruction."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
-        """Solutions in memory, with entries that are read at their use."""
+        """Solutions in memory, whose entries are read at their use."""
         self.rows: dict[int, Memory] = {}
-        """Right-hand sides in adjacent columns, by the first solve of their group."""
+        """Right-hand sides in adjacent columns of memory, by the first solve of their group."""
         self.factors: dict[int, FactoredMatrix] = {}
         self.tested: dict[int, None] = {}
-        """Factors that have been tested once for all their systems, without pivoting."""
+        """Factors whose pivots have been tested once for all their systems, without pivoting."""
         self.singular: Variable | None = None
-        """Flag of a singular matrix, None before the first matrix."""
+        """Flag of a singular matrix; None before the first matrix."""
 
     def fails(self) -> Variable:
-        """Return the variable for a singular matrix, declared before the first branch."""
+        """Return the variable that is true for a singular matrix. It is declared before the first branch."""
         if self.singular is None:
             self.singular = self.p.variable(self.p.false, "singular")
         return self.singular
 
     def load_inputs(self, refs: Iterable[int]) -> None:
-        """Read the inputs of instructions, in order, outside of all branches."""
+        """Read the inputs of instructions, in order, before all branches."""
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
             read |= dict.fromkeys(code[ref].args)
@@ -109,7 +109,7 @@ class Body:
                 self.loaded(ref)
 
     def loaded(self, ref: int) -> None:
-        """Read an input or a prepared result, once."""
+        """Read an input or a prepared result, unless it has been read."""
         one, inputs = self.program.instructions[ref], self.inputs
         if one.op == "component" and one.args[0] in self.later:
             memory, place = self.later[one.args[0]][one.place]
@@ -131,7 +131,7 @@ class Body:
         return value.called(name) if name else value
 
     def value(self, ref: int) -> Any:
-        """Return the value of an instruction: a number or a condition."""
+        """Return the value that an instruction computed: a number or a condition."""
         one = self.program.instructions[ref]
         if one.op == "constant":
             return self.p.constant(float(one.value), REAL)
@@ -143,7 +143,7 @@ class Body:
         return self.values[ref]
 
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
-        """Read a prepared result from its slots in the prepared array."""
+        """Read a prepared result from the prepared array, from index `slot` on."""
         inputs, held = self.inputs, self.inputs.parameters
         if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
@@ -158,7 +158,7 @@ class Body:
             self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
 
     def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
-        """Return prepared factors of `factor_dense`: as entries for a written-out elimination, else in memory."""
+        """Return prepared factors of `factor_dense`: entries for a written-out elimination, else the memory."""
         if not written_out(plan, self.style.largest):
             return FactoredMatrix({}, None, memory)
         n = plan.order
@@ -166,7 +166,7 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write a hoisted result to the prepared array."""
+        """Write a hoisted result to the prepared array, from index `slot` on."""
         one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if one.op == "factor":
             held = self.factors[ref]
@@ -187,7 +187,7 @@ class Body:
             out[slot] = self.p.real(self.value(ref))
 
     def run(self, refs: Iterable[int]) -> None:
-        """Add instructions in order of dependence; systems with one matrix are solved together."""
+        """Add instructions in order of dependence. Systems with one matrix are solved together."""
         refs = list(refs)
         if self.style.early:
             self.load_inputs(refs)
@@ -226,11 +226,11 @@ class Body:
             self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
 
     def partner(self, one: Instruction) -> int | None:
-        """Return the cosine for a sine of the program, or the sine for a cosine; None if the program lacks it."""
+        """Return the cosine of the same angle for a sine, or the sine for a cosine; None if the program lacks it."""
         return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
 
     def vector(self, ref: int) -> list[Real]:
-        """Return the solution that a solve instruction computed."""
+        """Return the solution of a solve instruction, entry by entry."""
         if ref in self.later:
             return [memory[place] for memory, place in self.later[ref]]
         if ref not in self.vectors:
@@ -249,7 +249,7 @@ class Body:
         return found
 
     def matrix(self, one: Instruction) -> Memory:
-        """Write the lower triangle of a matrix to memory, by columns."""
+        """Return memory with the lower triangle of a matrix, by columns."""
         n, entries = one.order, self.entries(one)
         memory = self.p.reserve(n * n, name="matrix")
         places = [(i, j) for j in range(n) for i in range(j, n)]
@@ -262,7 +262,7 @@ class Body:
         return memory
 
     def factor(self, ref: int, one: Instruction) -> None:
-        """Factor a matrix, written out or in memory, whichever is shorter."""
+        """Factor a matrix, written out or in memory, as its size and the style decide."""
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
@@ -278,12 +278,12 @@ class Body:
         return factors
 
     def right(self, ref: int) -> list[Real | None]:
-        """Return the right-hand side of a system; None for an entry that is zero."""
+        """Return the right-hand side of a system. An entry that is zero is None."""
         args, code = self.program.instructions[ref].args[1:], self.program.instructions
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
-        """Solve the systems of some instructions with one factored matrix."""
+        """Solve the systems of solve instructions with one factored matrix."""
         if factor not in self.factors:
             self.loaded(factor)
         one = self.program.instructions[factor]
@@ -302,7 +302,7 @@ class Body:
                 self.vectors[ref] = x
 
     def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return the solutions with factors in memory."""
+        """Return the solutions of systems whose factors are in memory."""
         p = self.p
         vector = p.reserve(n * len(right), name="vector")
         for k, value in enumerate(entry for one in right for entry in one):
@@ -327,13 +327,13 @@ class Body:
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:
-        """Write a right-hand side as soon as it is computed: its numbers then need no registers."""
+        """Write a right-hand side to memory when it is computed, to free registers."""
         (rows, width), column = self.rows_of(solves), solves.index(ref)
         for i, value in enumerate(self.right(ref)):
             rows[i * width + column] = 0.0 if value is None else value
 
     def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
-        """Solve systems with adjacent right-hand sides in memory; entries of solutions are read at their use."""
+        """Solve systems with adjacent right-hand sides in memory. Entries of solutions are read at their use."""
         p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
         rows, width = self.rows_of(solves)
         for i in range(n if count < width else 0):
@@ -346,7 +346,7 @@ class Body:
     def written_out(
         self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return the solutions by written-out factors, or by pivoting if these cannot be trusted."""
+        """Return the solutions by written-out factors, or by pivoting if a pivot is too small."""
         p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
         entries = self.entries(one) if plan.negative else {}

@@ -1,4 +1,4 @@
-"""L D L^T of a small or sparse symmetric matrix as statements of a procedure; zeros are left out."""
+"""L D L^T of a small or sparse symmetric matrix as statements of a procedure. Zeros are omitted."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Entries = Mapping[tuple[int, int], Real]
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
-    """Return the entries of L, with 1/d on its diagonal, and whether every pivot is trusted.
+    """Return the entries of L, with 1/d on its diagonal, and the flag that every pivot is large enough.
 
-    A pivot is compared with its diagonal entry. A multiplier has none, and is compared with the subtracted terms, those
-    of G M^-1 G^T of the constraint.
+    A pivot is compared with its diagonal entry. The diagonal entry of a multiplier is zero: its pivot is compared with
+    the subtracted terms, those of G M^-1 G^T of the constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -52,7 +52,7 @@ def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
 def _trusted(
     p: Builder, plan: Elimination, j: int, a: Entries, products: Sequence[tuple[Real, Real]], scaled: Entries
 ) -> Flag:
-    """Return whether a pivot has the right sign, and is not small compared with its terms."""
+    """Return the flag that a pivot has the right sign, and is not small compared with its terms."""
     pivot = scaled.get((j, j), p.real(0.0))
     if j not in plan.negative:
         return Flag.of(pivot > abs(a.get((j, j), p.real(0.0))) * least_pivot(plan.negative))
@@ -91,10 +91,10 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 
 
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
-    """Return for each multiplier a flag: True if the solution satisfies its row.
+    """Return for each multiplier the flag that the solution satisfies its row.
 
-    If inertias differ by many digits, pivots are large and the solution can still be wrong: the force on a light body
-    is the difference of two forces that nearly cancel.
+    If inertias differ by many digits, pivots may be large and the solution still wrong: the force on a light body is
+    then the difference of two nearly equal forces.
     """
     found = []
     for i in plan.negative:

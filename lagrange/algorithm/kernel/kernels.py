@@ -23,11 +23,11 @@ from lagrange.program.program import Instruction, Program
 ZERO_CONSTANT = Instruction("constant")
 
 MANY_ZEROS = 32
-"""Number of zero results from which they are cleared in a loop: many stores take compilers long."""
+"""Number of zero results from which they are cleared in a loop: many stores are slow to compile."""
 
 
 def cleared_outputs(program: Program) -> frozenset[int]:
-    """Return the indices of outputs that are zero by structure and cleared in a loop; none if they are few."""
+    """Return the indices of outputs that are always zero and are cleared in a loop; none if they are few."""
     zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
     return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
 
@@ -42,9 +42,10 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that writes parameters and hoisted results; with `in_place` the parameters are there.
+    """Return the procedure that writes parameters and hoisted results.
 
-    `divisors` are indices of results that are matrices of order one. If one of them is zero, it is singular.
+    With `in_place` the array contains the parameters already. `divisors` are indices of results that are matrices of
+    size one: a zero among them is a singular matrix.
     """
     p = Builder(name, about)
     program = prepared.program
@@ -95,7 +96,7 @@ def kernel(
 def kernel_by_value(
     program: Program, prepared: PreparedLayout, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
 ) -> Procedure:
-    """Return a kernel from time and entries of a state to some results of a program and the singular flag."""
+    """Return a kernel from time and entries of a state to results of a program and the flag of a singular matrix."""
     p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
     t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
     held = p.array("p", size=prepared.size, read=True)
@@ -110,7 +111,7 @@ def kernel_by_value(
 
 
 def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: Procedure) -> Procedure:
-    """Return `kernel` as a call of a kernel by value, and the `returned` parts of its results."""
+    """Return the `kernel` that calls a kernel by value, and writes the results that it returns."""
     p = Builder(program.name, f"Evaluate {program.name} in memory.")
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))

@@ -1,4 +1,4 @@
-"""Layout of the numbers that depend on parameters alone: after the parameters, each once for all programs."""
+"""Layout of the prepared array: the parameters, then all values that depend on them alone, each once."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LARGEST_IN_SOURCE = 20
 
 @dataclass(frozen=True, eq=False)
 class PreparedLayout:
-    """Indices of the hoisted results of some programs in one array, which begins with the parameters.
+    """Indices of the hoisted results of several programs in one array, which begins with the parameters.
 
     `size` is its length. `program` computes the prepared results, with their indices `saved`. `slots` are the indices
     for each of the `programs`. A written-out factorization stores the nonzero entries of L by rows with 1/d on its
-    diagonal, and then the flag whether its pivots are trusted. Others store the factors of `factor_dense`.
+    diagonal, then the flag that its pivots are large enough. Others store the factors of `factor_dense`.
     """
 
     programs: tuple[Program, ...]
@@ -54,7 +54,7 @@ class PreparedLayout:
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add the hoisted instructions of a program to `merged`; return the index of each there."""
+    """Add the hoisted instructions of a program to `merged`. Return the index of each in it."""
     table: list[int] = []
     for one in program.instructions[: program.hoisted]:
         moved = one._replace(args=tuple(table[arg] for arg in one.args))
@@ -63,12 +63,12 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
 
 
 def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
-    """Return whether the operations of an elimination are written out one by one."""
+    """Return True if the operations of an elimination are written out one by one."""
     return plan.order <= largest or plan.written_out
 
 
 def width_of(program: Program, ref: int, largest: int = LARGEST_IN_SOURCE) -> int:
-    """Return the number of doubles that a result takes in the prepared array."""
+    """Return the number of doubles that a result occupies in the prepared array."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]

@@ -14,9 +14,9 @@ from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
 @procedure(a=lambda: Array(room=WIDEST_VECTOR), row=lambda: Array(room=WIDEST_VECTOR))
 def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
-    """Invert the matrix of each column, and write its rows after those of the matrix; `row` takes a number a column.
+    """Invert the matrix of each column, and write its rows after those of the matrix.
 
-    The inverse of a singular matrix is not finite.
+    `row` is work memory, one number for each column. The inverse of a singular matrix is not finite.
     """
 
     def entry(r: int, c: int) -> Writable[float]:

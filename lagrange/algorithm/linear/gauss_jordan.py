@@ -20,12 +20,12 @@ UNROLLED_ORDER = 16
 
 
 def row_stride(n: int) -> int:
-    """Return the distance between the rows of a matrix of order n, a multiple of the block size."""
+    """Return the distance between the rows of a matrix of size n, a multiple of the block size."""
     return whole_blocks(n, PARTIAL)
 
 
 def inversion(n: int) -> Procedure:
-    """Return the procedure that inverts matrices of order n. Its memory `scratch` takes three rows."""
+    """Return the procedure that inverts matrices of size n. Its work memory `scratch` takes three rows."""
     return invert_matrix.form(n=n)
 
 
@@ -34,7 +34,7 @@ def inversion(n: int) -> Procedure:
     scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
 )
 def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
-    """Replace a matrix by its inverse, and return whether it is singular."""
+    """Replace a matrix by its inverse. Return True if it is singular."""
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
     chosen = wholes(n)
@@ -47,7 +47,7 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
         small = abs(pivot) * (units[row] * columns[k]) <= PIVOT
         singular = singular or small or pivot == 0.0
         if row != k:
-            # The scale of the second row is not needed later: this row becomes the pivot row.
+            # The scales in the second row are not needed later: this row becomes the pivot row.
             first, second = a[row * stride :], a[k * stride :]
             for j in each(n, unrolled=short, spill=True, disjoint=True):
                 first[j], second[j] = second[j], first[j]
@@ -91,7 +91,7 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 
 @inline
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
-    """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
+    """Return the row, from k on, whose scaled entry in column k is largest; k if no entry there is finite."""
     stride = row_stride(n)
     if n > UNROLLED_ORDER:
         best, row = -1.0, k
@@ -100,7 +100,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
             larger = size > best
             best, row = size if larger else best, i if larger else row
         return row
-    # A tournament of pairs: no comparison waits for more than four others.
+    # Compared in pairs: no comparison waits for more than four others.
     found = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
     for _ in unrolled((n - 1).bit_length()):
         found = larger_of_pairs(found)
@@ -110,21 +110,21 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
 
 @inline
 def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
-    """Return the size of the entry of row i, or -1 if it cannot be the pivot, and i."""
+    """Return the scaled size of the entry in row i, or -1 if it cannot be the pivot, and i."""
     size = abs(a[i * stride :][k]) * units[i]
     return size if size >= 0.0 and k <= i else -1.0, i
 
 
 @inline
 def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
-    """Return for each pair of candidates the larger size, with its row."""
+    """Return the larger candidate of each pair."""
     pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
     return (*pairs, found[-1]) if len(found) % 2 else pairs
 
 
 @inline
 def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
-    """Return the candidate with the larger size, a size with its row."""
+    """Return the candidate (size, row) with the larger size."""
     larger = b[0] > a[0]
     return b[0] if larger else a[0], b[1] if larger else a[1]
 
@@ -133,7 +133,8 @@ def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
 def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
     """Subtract multiples of row k from the others, and replace column k by that of the inverse.
 
-    Whole blocks are stored, including the entry of column k: a single store would delay the next load of its block.
+    Whole blocks are stored, including the entry of column k: storing this entry separately would delay the next load of
+    its block.
     """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     here = a[k * stride :]

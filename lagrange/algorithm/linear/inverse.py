@@ -15,24 +15,27 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quot
 
 
 def padded(n: int) -> int:
-    """Return the distance in memory between columns of a matrix of order n."""
+    """Return the distance in memory between columns of a matrix of size n."""
     return whole_blocks(n, WIDEST_VECTOR)
 
 
 def work_size(n: int) -> int:
-    """Return the length of the work memory: for L and 1/d, or for the inverse with pivoting and its factors."""
+    """Return the length of the work memory: for L and 1/d, or for the inverse by pivoting with its factors."""
     return max(padded(n) ** 2 + n, n * n + factor_size(n))
 
 
 @inline
 def aligned(k: int) -> int:
-    """Return the index at which the vector begins that contains an index."""
+    """Return the index at which the vector that contains index k begins."""
     return quotient(k, WIDEST_VECTOR) * WIDEST_VECTOR
 
 
 @procedure(lower=lambda: Array(room=WIDEST_VECTOR))
 def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
-    """Turn columns `lower` into L below the diagonal, write 1/d to `d`, and return whether every pivot is trusted."""
+    """Replace the columns `lower` by L below the diagonal, and write 1/d to `d`.
+
+    Return True if all pivots are large enough.
+    """
     trusted = True
     for j in range(n):
         column = lower[j * stride :]
@@ -82,7 +85,7 @@ def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
 
 @procedure(out=lambda: Array(room=WIDEST_VECTOR), work=lambda: Array(room=WIDEST_VECTOR))
 def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse to `out`, and return whether the matrix is singular to round-off."""
+    """Write the inverse to `out`. Return True if the matrix is singular within rounding errors."""
     square = stride * stride
     reciprocals = work[square:]
     for i in each(square, width=WIDEST_VECTOR, spill=True):

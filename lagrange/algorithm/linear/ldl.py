@@ -22,35 +22,34 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
-"""Least pivot relative to its terms, for elimination in a given order to be trusted in systems with multipliers.
-
-Elimination then loses three digits at most. For definite matrices it loses none with any pivot.
+"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. Then at
+most three digits are lost. For definite matrices no digits are lost with any pivot.
 """
 
 
 RESIDUAL = 2.0**-40
-"""Largest residual of a multiplier's row, relative to its terms, for a solution without pivoting to be trusted."""
+"""Largest residual of a multiplier's row, relative to its terms, at which a solution without pivoting is accepted."""
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the least trusted pivot, relative to its terms, in a matrix with the given negative pivots."""
+    """Return the least accepted pivot, relative to its terms, in a matrix with the given negative pivots."""
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
 def factor_size(n: int) -> int:
-    """Return the number of reals that the factors of a matrix of order n take."""
+    """Return the number of reals that the factors of a matrix of size n occupy."""
     return 1 + pivoted_size(n, n)
 
 
 @inline
 def is_trusted(pivot: float, diagonal: float) -> bool:
-    """Return True if a pivot of L D L^T is above round-off of its diagonal entry in A."""
+    """Return True if a pivot of L D L^T is above the rounding error of its diagonal entry in A."""
     return pivot > abs(diagonal) * PIVOT
 
 
 @procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
-    """Factor A = L D L^T by columns, and return whether every pivot can be trusted."""
+    """Factor A = L D L^T by columns. Return True if every pivot is large enough."""
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     for j in range(n):
         for i in range(j, n):
@@ -77,7 +76,7 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def factor_dense(n: int, a: In, factors: Out) -> bool:
-    """Factor a symmetric matrix, with pivoting if L D L^T cannot be trusted; return whether it is singular."""
+    """Factor a symmetric matrix, with pivoting if a pivot of L D L^T is too small. Return True if it is singular."""
     trusted = factor_symmetric(n, a, factors)
     factors[0] = 0.0
     if trusted:
@@ -109,12 +108,13 @@ def solve_factored(n: int, factors: In, b: Out) -> None:
 
 @procedure(b=lambda: Array(room=WIDEST_VECTOR))
 def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
-    """Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals.
+    """Replace right-hand sides by solutions, entry k of column c at k*columns + c.
 
-    `columns` is a multiple of `WIDEST_VECTOR`. The operations on each column are those of `solve_factored`.
+    `spare` takes n reals. `columns` is a multiple of `WIDEST_VECTOR`. The operations on each column are those of
+    `solve_factored`.
     """
     reciprocals, lower = factors[1:], factors[2 * n + 1 :]
-    # Factors with pivoting are rare, so their columns are solved one after the other.
+    # Factors with pivoting are rare: their columns are solved one after the other.
     if factors[0] != 0.0:
         for c in range(columns):
             for k in range(n):
@@ -141,7 +141,7 @@ def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None
 
 @procedure
 def invert_dense(n: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse by columns, and return whether the matrix is singular; `work` takes the factors."""
+    """Write the inverse by columns. Return True if the matrix is singular; `work` is memory for the factors."""
     singular = factor_dense(n, a, work)
     for j in range(n):
         column = out[j * n :]

@@ -21,29 +21,30 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, fma
 
 PIVOT = 2.0**-46
-"""A symmetric matrix is singular to round-off if elimination with pivoting meets a scaled pivot of at most this size.
-
-It is 64 rounding errors. The entries of its inverse, in units in which its diagonal is one, then exceed 1 / PIVOT."""
+"""A symmetric matrix is singular within rounding errors if elimination with pivoting meets a scaled pivot of at most
+this size, 64 rounding errors. The entries of its inverse, in units in which its diagonal is one, then exceed 1 / PIVOT.
+"""
 
 PREFERENCE = 2.0**4
-"""Factor on the sizes of rows of constraints, when a pivot is chosen.
-
-A constraint is solved for a coordinate before an inertia is, which may be that of a light body, or rounding alone.
+"""Factor on the sizes of rows of constraints in the choice of a pivot. A constraint is solved for a coordinate before
+an inertia is: the inertia may be that of a light body, or only rounding.
 """
 
 
 INDEFINITE = 2.0
-"""Entry beside a diagonal of ones above which a matrix is far from definite: the rows are scaled by it."""
+"""Largest entry beside a diagonal of ones for a nearly definite matrix. Above it rows are scaled by their largest
+entry.
+"""
 
 
 @inline
 def band_size(n: int, band: int) -> int:
-    """Return the number of reals of a lower triangle within a band less than n."""
+    """Return the number of reals of a lower triangle within a band; the band is less than n."""
     return n * band + n
 
 
 def pivoted_size(n: int, band: int) -> int:
-    """Return the number of reals that the factors of a matrix of order n take."""
+    """Return the number of reals that the factors of a matrix of size n occupy."""
     return 4 * n + n * min(n, 3 * band + 1)
 
 
@@ -57,7 +58,7 @@ def column(n: int, band: int, j: int) -> int:
 
 @procedure
 def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
-    """Factor P A = L U with scaled pivots, and return whether A is singular to round-off."""
+    """Factor P A = L U with scaled pivots. Return True if A is singular within rounding errors."""
     scales, exchanges, units, preferences = factors, factors[n:], factors[2 * n :], factors[3 * n :]
     nothing = scale_rows(n, band, a, scales, exchanges)
     for i in range(n):
@@ -98,16 +99,17 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
             if factor != 0.0:
                 for i in range(j + 1, rows):
                     target[i] = fma(factor, entries[i], target[i])
-    # A matrix with an entry that is not finite does not count as singular: the entry passes to the solution.
+    # A matrix with an entry that is not finite does not count as singular: the solution is then not finite.
     return singular and nothing == 0.0
 
 
 @inline
 def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], largest: Writable[float]) -> float:
-    """Write factors of rows and columns; return 0 times the sum of all sizes: NaN if an entry is not finite.
+    """Write scale factors of rows and columns. Return 0 times the sum of all sizes: NaN if an entry is not finite.
 
-    Diagonal entries become 1. The largest entry of a row without one becomes 1, first by the scaled columns, which
-    scales constraints, then by all, which scales coordinates without inertia. `largest` is overwritten.
+    Scaled diagonal entries are 1. In a row with a zero diagonal entry the largest entry becomes 1: first among the
+    scaled columns, which scales constraints; then among all, which scales coordinates without inertia. `largest` is
+    overwritten.
     """
     for i in range(n):
         inertia = abs(a[i * band + i])
@@ -135,7 +137,7 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
 
 @inline
 def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
-    """Write the largest entry of each row with scaled columns; return 0 times the sum of all sizes."""
+    """Write the largest entry of each row after scaling of columns. Return 0 times the sum of all sizes."""
     nothing = 0.0
     for i in range(n):
         largest[i] = 0.0
@@ -148,7 +150,7 @@ def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[floa
                 largest[i] = across
             if down > largest[j]:
                 largest[j] = down
-            # Zero times a NaN or an infinity is NaN, and remains in the sum.
+            # Zero times NaN or infinity is NaN, and remains in the sum.
             nothing = fma(size, 0.0, nothing)
     return nothing
 

@@ -43,15 +43,13 @@ def assess_correction(
     adaptive: bool,
     constrained: bool = False,
 ) -> Outcome:
-    """Return whether Newton's method has converged, by the norms of its corrections.
+    """Decide by the norms of its corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
 
-    `iteration` counts corrections from 0, and `since` those made with the current matrix. `norm` is the size of this
-    correction, `previous` that of the one before. The outcome is DONE, PAUSED if another correction is needed, or
-    DIVERGED.
-
-    The first correction has no measured rate of convergence. It is taken from the previous step, but for a
-    `constrained` step with error control it is `DIVERGENCE_RATE`: there the rate depends on the turning of the
-    gradients of constraints, and does not fall with the length of the step.
+    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` those with the
+    current matrix. `norm` is the size of this correction, `previous` that of the correction before. The first
+    correction measures no contraction rate: the rate of the previous step is used. For a `constrained` step with error
+    control it is `DIVERGENCE_RATE`, because there the rate depends on the turning of the constraints' gradients, and
+    does not decrease with the step.
     """
     first = iteration == 0
     measured = norm / previous
@@ -69,7 +67,7 @@ def assess_correction(
         else:
             old = since >= MATRIX_AGE
             fresh = since >= 1 and not old
-            # With a new matrix, small corrections that do not shrink are round-off.
+            # With a new matrix, small corrections that do not decrease are rounding.
             if fresh and rate >= STAGNATION_RATE and norm < STAGNATION_NORM:
                 newton.noise = 2.0 * norm
                 return Outcome.DONE
@@ -82,7 +80,7 @@ def assess_correction(
 
 @inline
 def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
-    """Return True if the estimated error is small enough, or two corrections in a row are round-off."""
+    """Return True if the estimated error is small enough, or two corrections in a row are at rounding level."""
     bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
     small = norm * rate <= (1.0 - rate) * bound
     return small if adaptive else small or larger(norm, previous) <= newton.noise
@@ -90,7 +88,7 @@ def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive
 
 @inline
 def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool) -> None:
-    """Let the next step begin with a new matrix if this one is outdated; reduce the noise estimate slowly."""
+    """Request a new matrix for the next step if this one is outdated. Reduce the noise estimate slowly."""
     newton.age += 1
     if adaptive:
         outdated = iteration > 0 and rate > FRESH_RATE
@@ -104,6 +102,6 @@ def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool)
 
 @inline
 def request_matrix(newton: Newton) -> None:
-    """Let the matrix and the derivative of the law be computed anew when they are needed next."""
+    """Request that the matrix and the derivative of the law are computed again when they are needed next."""
     newton.matrix_step = 0.0
     newton.differentiated = 0

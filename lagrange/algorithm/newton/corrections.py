@@ -38,10 +38,10 @@ UNROLLED_PRODUCT = 64
 
 @procedure(given=running)
 def solve_unknowns(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Find the unknowns of a solve, and return an outcome.
+    """Compute the unknowns of a solve, and return an outcome.
 
-    The unknowns are predicted and corrected. If that fails, they are corrected from the guess of the method, with a new
-    matrix.
+    The unknowns are predicted and corrected. If that fails, corrections begin again from the guess of the method, with
+    a new matrix.
     """
     newton = given.newtons[solve.index]
     newton.tried_step = h
@@ -66,7 +66,7 @@ def solve_unknowns(given: Running, t: float, h: float, *, layout: Layout, solve:
 
 @procedure(apart=True, given=running)
 def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Set the unknowns to the guesses of the method, and return an outcome."""
+    """Set the unknowns to the guesses that the method states, and return an outcome."""
     stated = solve.solve
     vectors = vectors_of(given, t, h, layout, stated.preparation, stated.guesses)
     is_singular = vectors.evaluate_all(stated.preparation)
@@ -77,10 +77,10 @@ def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLay
 
 @inline
 def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Set the weights of corrections: their largest effect on a state in the arguments of calls, in units of tolerance.
+    """Set the weights of corrections: their largest effect on a state in the arguments of calls, by tolerance.
 
-    The size of an entry that begins at zero is that of its slope times the step. A multiplier has no tolerance: its
-    weight is 0, and what it does to the velocities counts.
+    The unit is the tolerance of the state. The size of an entry that begins at zero is its slope times the step. A
+    multiplier has no tolerance: its weight is 0, and its effect on the velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, given.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
@@ -130,7 +130,7 @@ def iterate(given: Running, t: float, h: float, *, layout: Layout, solve: SolveL
         norm = correct(work, solve)
         given.effort.residual = norm * unit
         if not norm < LARGEST_CORRECTION:
-            # The law is not finite there, unless a large correction has led out of its domain.
+            # The law has no finite value there, unless a large correction has led out of its domain.
             return Outcome.NON_FINITE if previous * unit < LARGE_CORRECTION else Outcome.DIVERGED
         if not solve.adaptive:
             moved = fma(norm, unit, moved)
@@ -149,7 +149,7 @@ def iterate(given: Running, t: float, h: float, *, layout: Layout, solve: SolveL
 
 @inline
 def correct(work: Out, solve: SolveLayout) -> float:
-    """Add the correction to the unknowns and return its weighted root mean square."""
+    """Add the correction to the unknowns. Return its weighted root mean square."""
     unknowns, weights, squares = work[solve.first :], work[solve.weights :], 0.0
     product = product_of(work[solve.inverse :], work[solve.residual :], solve, solve.solve.count)
     for i in each(solve.all, spill=True, unrolled=product.is_short, disjoint=True):
@@ -175,14 +175,14 @@ def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> Matr
 
 @dataclass(frozen=True)
 class MatrixProduct:
-    """A product of a matrix and a vector; its sums over even and odd columns are added last."""
+    """A product of a matrix and a vector. Its sums over even and over odd columns are added last."""
 
     matrix: In
     residual: In
     solve: SolveLayout
     count: int
     terms: Sequence[tuple[In, float]]
-    """The columns of a short product, each with the entry that it is multiplied by; none of a long one."""
+    """The columns of a short product, each with the entry that it is multiplied by; empty for a long product."""
 
     @property
     def is_short(self) -> bool:
@@ -191,12 +191,12 @@ class MatrixProduct:
 
     @inline
     def entry(self, row: int) -> float:
-        """Return an entry of the product."""
+        """Return entry `row` of the product."""
         return self.short_sum(row) if self.terms else self.long_sum(row)
 
     @inline
     def short_sum(self, row: int) -> float:
-        """Return an entry of a product that is written out."""
+        """Return entry `row` of a product that is written out."""
         even: Any = None
         odd: Any = None
         for column, entry in self.terms[::2]:
@@ -207,7 +207,7 @@ class MatrixProduct:
 
     @inline
     def long_sum(self, row: int) -> float:
-        """Return an entry of a product that is not written out."""
+        """Return entry `row` of a product that is not written out."""
         length, width, residual = self.solve.length, self.solve.width, self.residual
         stride = self.count * width
         first, second = 0.0, 0.0

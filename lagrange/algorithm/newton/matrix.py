@@ -1,8 +1,8 @@
 """The matrix of Newton's method: built from the derivative of the law, and inverted.
 
-With unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
-derivative of the law at one point, and g_ij is the sum over c of the factor of c in residual i times that of z_j in the
-argument of c. A law of momenta has J in four blocks, each with its own g, and one of constraints has it in fifteen.
+For unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
+derivative of the law at one point. g_ij is the sum over c of the factor of c in residual i times the factor of z_j in
+the argument of c. A law of momenta has J in four blocks, each with its own g; a law with constraints in fifteen.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrol
 from lagrange.program.actions import LAWS, Combination, LawCall
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
-"""Rows of blocks, by (result, argument), of the matrix that must be regular for a law to determine the motion. It is M
-= dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding."""
+"""For laws of momenta: the matrix that must be regular, as rows of blocks (result, argument). It is M = dp/dv, and with
+constraints [[M, G^T], [G, 0]], which has ones on its diagonal for padding multipliers.
+"""
 
 
 class MatrixCoefficients:
@@ -49,7 +50,7 @@ class MatrixCoefficients:
             for s in range(law.arguments)
         }
         self.blocks = {block: nodes for block, nodes in blocks.items() if any(node is not zero for node in nodes)}
-        """Factors g by (result, argument) of a block of the derivative, for blocks that occur in some residual."""
+        """Factors g for each block (result, argument) of the derivative that occurs in some residual."""
 
         self.shares = [
             [factor(residual, call.first + r) for call in stated.calls]
@@ -70,13 +71,13 @@ class MatrixCoefficients:
 
 @procedure(apart=True, given=running)
 def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Build the inverse matrix of corrections, with the known derivative of the law or a new one; return an outcome."""
+    """Build the inverse matrix of corrections, from the known derivative of the law or a new one. Return an outcome."""
     work, newton, terms = given.work, given.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
     calls = [] if point is None else [point]
     vectors = vectors_of(given, t, h, layout, calls, solve.solve.residuals, nodes)
     matrix = Matrix(layout, solve, work[solve.matrix :], work[solve.derivative :], work[solve.pivots :])
-    # Gradients of constraints turn from step to step: a derivative of a step before costs corrections.
+    # Gradients of constraints turn from step to step: with an old derivative more corrections are needed.
     if (solve.adaptive and point is not None) or newton.differentiated == 0:
         if evaluate_derivative(vectors, t, matrix.entries, point):
             return Outcome.SINGULAR
@@ -106,7 +107,7 @@ def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: S
 
 @inline
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
-    """Write the derivative of the law by rows, at a call or at the start of the step; return whether it is singular."""
+    """Write the derivative of the law by rows, at a call or at the start of the step. Return True if it is singular."""
     given, layout = vectors.given, vectors.layout
     if point is None:
         time, arguments = t, given.work[layout.argument :]
@@ -120,7 +121,7 @@ def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall
 
 @inline
 def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
-    """Return an array of numbers of the step."""
+    """Return an array with the numbers that `nodes` compute in the present step."""
     values = reals(len(nodes))
     for i, node in enumerate(nodes):
         values[i] = vectors.numbers[node]
@@ -139,13 +140,13 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return a column of the block of the derivative of result r by argument s."""
+        """Return a column of the block (r, s) of the derivative: of result r by argument s."""
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
     @inline
     def invert(self, order: int) -> bool:
-        """Invert the matrix in place; return whether it is singular."""
+        """Invert the matrix in place. Return True if it is singular."""
         return invert_matrix(self.entries, self.pivots, n=order)
 
     @inline
@@ -158,9 +159,9 @@ class Matrix:
 
     @inline
     def fill(self, identity: In, blocks: Sequence[tuple[int, int, In]]) -> None:
-        """Write the negative transposed matrix by rows; the rows of its inverse are the columns that are kept.
+        """Write the negative transposed matrix by rows: the rows of its inverse are the columns that are stored.
 
-        `identity` is beta, and `blocks` have a result, an argument and g. The last vector of a part of a row may
+        `identity` is beta; `blocks` has (result, argument, g) for each block. The last vector of a part of a row may
         overwrite the start of the next part, which is written later.
         """
         solve, count, length = self.solve, self.solve.solve.count, self.solve.length
@@ -179,7 +180,7 @@ class Matrix:
 
     @inline
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
-        """Return whether the matrix of blocks of the derivative is singular, not only the matrix of the step."""
+        """Return True if the matrix made of blocks of the derivative is singular, not only the matrix of the step."""
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):
             for j, (r, s) in enumerate(line):
@@ -206,9 +207,9 @@ class Matrix:
 def weigh_by_rounding(
     vectors: StepVectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]
 ) -> None:
-    """Set the weights of corrections: the effect of rounding a residual and the arguments of its calls on the unknowns.
+    """Set the weights of corrections: the effect on the unknowns of rounding a residual and its calls' arguments.
 
-    The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off. The
+    The sizes of the terms of a residual, and J times those of the arguments, give an error of one unit of rounding. The
     inverse maps it to the unknowns. In any units, no iteration can reach a smaller error. `factors` are those of each
     result in each residual, by rows (residual, result), a list with the factor of every call.
     """

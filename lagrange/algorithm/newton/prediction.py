@@ -1,7 +1,7 @@
 """Initial guesses of Newton's method, from the unknowns of previous steps.
 
-For equal steps these are backward differences of the unknowns. The polynomial through k values is extrapolated by the
-sum of the differences; the k-th difference at the next step is the error of that guess, which selects the best k.
+For equal steps backward differences of the unknowns are stored. The sum of the first k differences extrapolates the
+polynomial through k values. The k-th difference at the next step is the error of that guess, and selects the best k.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from lagrange.procedure.front.vocabulary import Out, Writable, each, fma, unroll
 
 @inline
 def predict(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Write the initial guess of the unknowns: as the method states, or by extrapolation."""
+    """Write the initial guess of the unknowns: by the formula of the method if it has one, else by extrapolation."""
     work, newton, predicted = given.work, given.newtons[solve.index], solve.solve.predicted
     unknowns, residual = work[solve.first :], work[solve.residual :]
     if not solve.adaptive:
         extrapolate(newton.order, differences_of(work, solve), unknowns, solve.all)
     else:
         vectors = vectors_of(given, t, h, layout, (), predicted, ratio=h / newton.old_step)
-        # The predicted unknowns are combinations of those of the previous step, which have the same vectors.
+        # The predicted unknowns are combinations of those of the previous step, which have the same numbers.
         copy_vector(work[solve.history :], unknowns, solve.all)
         for i, combination in enumerate(predicted):
             vectors.combine(combination, residual[i * solve.width :])
@@ -33,13 +33,13 @@ def predict(given: Running, t: float, h: float, layout: Layout, solve: SolveLayo
 
 @inline
 def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]:
-    """Return the backward differences of the unknowns, from the unknowns themselves on."""
+    """Return the arrays of backward differences of the unknowns; the first one has the unknowns themselves."""
     return tuple([work[solve.history + k * solve.all :] for k in unrolled(HISTORY)])
 
 
 @inline
 def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
-    """Write the sum of the first `order` differences, the smallest first."""
+    """Write the sum of the first `order` differences, added from the smallest on."""
     for k in reversed(ORDERS):
         if order == k:
             for i in each(count, spill=True, disjoint=True):
@@ -51,7 +51,7 @@ def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: 
 
 @procedure(work=work_array)
 def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayout) -> None:
-    """Keep the unknowns of an accepted step, to extrapolate from."""
+    """Store the unknowns of an accepted step for the extrapolation."""
     if newton.solved == 1:
         newton.solved = 0
         unknowns, weights = work[solve.first :], work[solve.weights :]
@@ -75,7 +75,7 @@ def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayo
 
 @inline
 def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
-    """Write the differences with a new value of unknown i; return those that are errors of a guess, by `ORDERS`."""
+    """Write the differences with a new value of unknown i. Return the errors of the guesses of all `ORDERS`."""
     errors: list[float] = []
     for k, difference in enumerate(differences, 1):
         old = difference[i]
@@ -87,7 +87,10 @@ def update_differences(differences: tuple[Writable[float], ...], value: float, i
 
 @inline
 def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
-    """Set the order of the next guess: that of the least error, or one more if it has just become available."""
+    """Set the order of the next guess to that with the least error.
+
+    An order that has just become available may replace it.
+    """
     known, following = newton.known, newton.known + 1
     best, least = ORDERS[0], errors[0]
     for k, error in zip(ORDERS[1:], errors[1:], strict=True):

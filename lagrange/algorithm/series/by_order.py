@@ -1,7 +1,7 @@
 """The series in a loop over orders, for members in lanes: one vector holds a value of all members.
 
-Vectors of the present order are values of the procedure. A row in memory stores each vector that later orders read. The
-values of the present order follow from the sums over lower orders in straight-line code.
+Vectors of the present order are values of the procedure. Each vector that later orders read is stored in a row of
+memory. The values of the present order follow from the sums over lower orders by straight-line code.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Row:
 
 
 def by_order_layout(packing: Packing) -> TaylorLayout:
-    """Return the layout for members side by side."""
+    """Return the memory layout of a series for members in lanes."""
     program, width = packing.program, Row(packing, packing.program.states).size
     ways = {"by_rows": True, "observes": len(program.watched) > 0}
     return TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
@@ -58,7 +58,7 @@ def by_order_scratch(packing: Packing) -> int:
 
 
 class ByOrderJet(LoopJet):
-    """Builder of the procedure. `x` has the chunks of the present order."""
+    """Builder of the procedure. `x` has the values of the present order, by chunk."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
         super().__init__(packing, numbers, layout or by_order_layout(packing), LARGEST_INVERSE)
@@ -71,7 +71,7 @@ class ByOrderJet(LoopJet):
         self.row = self.previous = self.rows
 
     def build(self) -> Procedure:
-        """Return the procedure that computes the series of a member."""
+        """Return the procedure that computes the series for all lanes."""
         p, packing = self.p, self.packing
         self.begin()
         for operand in dict.fromkeys(operand for chunk in packing.computed if (operand := divisor(chunk)) is not None):
@@ -103,12 +103,12 @@ class ByOrderJet(LoopJet):
         super().set_order(k)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks at the present order."""
+        """Build the coefficients of chunks at the present order."""
         for chunk in chunks:
             self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
+        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
         depth = self.program.depth
         self.operands = {
             operand: x
@@ -118,7 +118,7 @@ class ByOrderJet(LoopJet):
         self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
 
     def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Build the unknowns of a stage, and the values that depend on them."""
+        """Return the unknowns of a stage, after building the values that depend on their trial values."""
         p = self.p
         guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
         self.know(place, guesses)
@@ -133,7 +133,7 @@ class ByOrderJet(LoopJet):
         self.fill(stage.found)
 
     def write_first(self) -> None:
-        """Write order 0, and zero for operands that are multiplied by the order."""
+        """Write order 0 to its row. Operands that are multiplied by their order are zero there."""
         self.write_state(self.at_zero)
         for operand, place in self.places.items():
             lanes = len(operand.values)
@@ -147,7 +147,7 @@ class ByOrderJet(LoopJet):
             put(self.p, self.row, place, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
-        """Write the state where it is not written with the operands, and the coefficients of the event functions."""
+        """Write the state, unless it is among the operands, and the coefficients of the event functions."""
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:
             if self.places.get(chunk.whole) != begin:
@@ -157,24 +157,24 @@ class ByOrderJet(LoopJet):
             put(self.p, row, place, None if number is None else x(Operand((number,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return an operand at the present order."""
+        """Return the coefficient of an operand at the present order."""
         if operand not in self.operands:
             x = gathered(self.p, self.packing, operand, self.x.__getitem__)
             self.operands[operand] = x * self.rank if operand.ranked and x is not None else x
         return self.operands[operand]
 
     def before(self, operand: Operand) -> Term:
-        """Return an operand at the previous order."""
+        """Return the coefficient of an operand at the previous order."""
         return entries(self.previous, self.places[operand], len(operand.values))
 
     def first(self, operand: Operand) -> Term:
-        """Return an operand at order 0."""
+        """Return the value of an operand at order 0."""
         if self.packing.lanes > 1 and operand in self.places:
             return entries(self.rows, self.places[operand], len(operand.values))
         return self.at_zero(operand)
 
     def over(self, operand: Operand) -> Term:
-        """Return 1 / (an operand at order 0)."""
+        """Return the reciprocal of an operand at order 0."""
         return self.reciprocals[operand]
 
     def start(self) -> Term:
@@ -183,12 +183,12 @@ class ByOrderJet(LoopJet):
 
 
 class _ByOrder(ChunkAt):
-    """Source of the coefficients of one chunk at the present order; see `At`."""
+    """Source of a chunk's coefficients at the present order, for its rule."""
 
     series: ByOrderJet
 
     def total(self, which: int) -> Term:
-        """Return the sum over 0 < j < k."""
+        """Return sum number `which` of the rule over 0 < j < k."""
         return self.series.sums[self.chunk.sums[which]]
 
 

@@ -1,7 +1,7 @@
-"""Cost of a step of a Taylor series, about in nanoseconds: it selects the form of the series, and its order.
+"""Cost of a step of a Taylor series, in about nanoseconds. It selects the form of the series, and its order.
 
-The figures are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Their
-ratios matter, and are accurate to a fifth.
+The numbers are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Only
+their ratios matter, which are accurate to a fifth.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ of the order of least cost, and compile in 0.58 to 0.77 of its time.
 
 
 def best_order(cost: Cost, tolerance: float) -> int:
-    """Return the order p with the least cost per length of step; the length grows like tolerance**(1/p)."""
+    """Return the order p with the lowest cost per length of step; the length is proportional to tolerance**(1/p)."""
     prices = {
         p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
         for p in range(LOWEST_ORDER, HIGHEST_ORDER + 1)
@@ -45,20 +45,20 @@ def best_order(cost: Cost, tolerance: float) -> int:
 
 
 LARGEST_WRITTEN_OUT = 4000
-"""Largest number of vector operations of a series that is printed without loops. A larger one does not fit the
-processor's cache, and takes more than a third of a second to compile."""
+"""Largest number of vector operations of a series that is printed without loops. A larger series does not fit the
+processor's cache, and takes more than a third of a second to compile.
+"""
 
 
 ROUNDING_TOLERANCE, HIGHEST_ROUNDED = 1e-14, 16
-"""Below this tolerance the order is at most the second number, except for the smallest systems.
-
-Rounding is then most of the error, and more and shorter steps average it: the outer solar system ends with an error of
-2e-13 at order 16, and 5e-13 at order 20, in the same time.
+"""Below this tolerance the order is at most the second number, except for the smallest systems. Rounding then is most
+of the error, and shorter steps average it. The outer solar system ends with an error of 2e-13 at order 16, and 5e-13 at
+order 20, in the same time.
 """
 
 
 def cheapest_order(packing: Packing, tolerance: float) -> int:
-    """Return the order that reaches a relative tolerance at the least cost, in the form that it has at that order."""
+    """Return the order with the lowest cost for a relative tolerance, in the form that the series has at that order."""
     order = best_order(jet_cost(packing, looped=False), tolerance)
     if is_large(packing, order):
         order = best_order(jet_cost(packing, looped=True), tolerance)
@@ -72,22 +72,22 @@ def inverts(packing: Packing) -> bool:
 
 
 def inversion_size(packing: Packing, *, looped: bool) -> int:
-    """Return the sum of n**3 over the matrices that are inverted at each step.
+    """Return the sum of n**3 over the n-by-n matrices that are inverted at each step.
 
-    In loops sparse matrices are factored instead.
+    In loops sparse matrices are factored instead, and do not count.
     """
     plans = [stage.plan for stage in packing.stages if stage.plan.inverted]
     return sum(plan.size**3 for plan in plans if not (looped and is_factored(plan)))
 
 
 def factored_entries(packing: Packing) -> int:
-    """Return the number of entries of the factors with which loops solve at each order."""
+    """Return the number of entries of the factors that loops use for solves at each order."""
     plans = [stage.plan for stage in packing.stages if is_factored(stage.plan)]
     return sum(len(block.places) for plan in plans for block in block_eliminations(plan))
 
 
 def operations(packing: Packing, order: int) -> int:
-    """Return the number of operations of a series that is written out: sums, chunks, order 0 and the inverse."""
+    """Return the number of vector operations of a series that is written out: sums, chunks, order 0 and the inverse."""
     program = packing.program
     inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
@@ -117,7 +117,7 @@ def sums(packing: Packing) -> int:
 
 
 def jet_cost(packing: Packing, *, looped: bool) -> Cost:
-    """Return the cost of a step."""
+    """Return the cost of a step, with the series in a loop over orders if `looped`."""
     program, count = packing.program, chunks(packing)
     fixed = 50.0 + 6.0 * count
     each = 3.0 + 0.8 * count + 0.9 * sums(packing)

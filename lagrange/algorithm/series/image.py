@@ -1,4 +1,4 @@
-"""Layout of a series' values at one order in memory: like values are adjacent. Sources of coefficients for a lane."""
+"""Memory layout of a series' values at one order, with like values adjacent; and sources of coefficients for a lane."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ ALIGNED = 8
 
 
 NOWHERE = -1
-"""Index of a value whose place is not known yet."""
+"""Index of a value whose index is not chosen yet."""
 
 
 class Image:
-    """Indices of the values of one order: the state, operands that later orders read, and after `width` all others.
+    """Indices in memory of the values of one order: the state, operands that later orders read, then all others.
 
-    Later orders read the first `width` numbers only, which are a row. Rows begin at `first` in an aligned array. A
-    chunk whose values are adjacent and in order somewhere is read there; others are `gathered` value by value.
+    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an aligned
+    array. A chunk whose values are adjacent and in order is read from there. Other chunks are `gathered` value by
+    value.
     """
 
     def __init__(self, packing: Packing, first: int) -> None:
@@ -49,7 +50,7 @@ class Image:
         self.size = whole_blocks(self.end, ALIGNED)
 
     def place_homes(self, wanted: dict[Operand, None] | None) -> None:
-        """Choose indices for chunks that are computed: for those among the wanted operands, or for all the others."""
+        """Choose indices for computed chunks: for those among the operands `wanted`, or for all others if None."""
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
             if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
@@ -60,13 +61,13 @@ class Image:
                 self.places[chunk.whole] = begin
 
     def room(self, lanes: int) -> int:
-        """Reserve the indices of a vector, and return the first."""
+        """Reserve the indices of a vector of `lanes` values, and return the first one."""
         begin = whole_blocks(self.end + self.first, min(lanes, ALIGNED)) - self.first
         self.end = begin + lanes
         return begin
 
     def place(self, operand: Operand) -> None:
-        """Choose the index of an operand: where its values are adjacent and in order already, or after all others."""
+        """Choose the index of an operand: that of values which are adjacent and in order already, or a new one."""
         if operand in self.places:
             return
         begin = self.homes.get(operand.values[0], NOWHERE)
@@ -77,7 +78,7 @@ class Image:
             self.gathered[operand] = None
 
     def runs(self, operand: Operand) -> Iterator[tuple[int, int, int]]:
-        """Return the runs of adjacent values in an operand: the first lane, its index, and the length of each.
+        """Yield the runs of adjacent values in an operand, as (first lane, index of its value, length).
 
         A lane that is zero is in no run.
         """
@@ -90,7 +91,7 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return the value at each index that is read at order 0: in the row, or by a rule."""
+        """Return the value at each index that is read at order 0, in the row or by a rule."""
         found = {place: value for place, value in self.repeated.items() if place < self.width}
         initial = dict.fromkeys(self.packing.initial)
         for operand, begin in self.places.items():
@@ -116,7 +117,7 @@ def arguments(chunk: Chunk) -> tuple[Operand, ...]:
 
 
 class Orders(Protocol):
-    """State of a series that is built in a loop over orders, as its lanes read it."""
+    """State of a series that is built in a loop over orders, which its lanes read."""
 
     p: Builder
     program: SeriesProgram
@@ -129,73 +130,73 @@ class Orders(Protocol):
     divisors: dict[Operand, int]
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return the part of an array from an index on."""
+        """Return the part of a named array from index `place` on."""
 
     def array_of(self, place: int) -> Memory:
-        """Return the array that contains the present order's value with an index."""
+        """Return the array that contains the present order's value with index `place`."""
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that the coefficients equal in all lanes, if it is known at compile time, else None."""
+        """Return the number that constants of the table equal, if it is known at compile time; else None."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
 
 
 class ChunkLane:
-    """Source of the coefficients of one lane of a chunk; see `At`."""
+    """Source of the coefficients of one lane of a chunk, for its rule. `which` is defined in `At`."""
 
     def __init__(self, jet: Orders, chunk: Chunk, i: Whole) -> None:
         self.jet, self.chunk, self.p, self.i = jet, chunk, jet.p, i
 
     def operand(self, which: int) -> Operand:
-        """Return an argument, or the chunk itself."""
+        """Return the operand that is argument `which`, or the chunk itself for OWN."""
         return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def read(self, array: str, place: int) -> Real:
-        """Return this lane's number from an array."""
+        """Return this lane's number from the named array, at index `place`."""
         found: Real = self.jet.part_of(array, place)[self.i]
         return found
 
     def now(self, which: int) -> Term:
-        """Return an argument's coefficient of the present order."""
+        """Return argument `which` at the present order."""
         return self.read("now", self.jet.image.places[self.operand(which)])
 
     def before(self, which: int) -> Term:
-        """Return an argument's coefficient of the previous order."""
+        """Return argument `which` at the previous order."""
         return self.read("previous", self.jet.image.places[self.operand(which)])
 
     def first(self, which: int) -> Real:
-        """Return an argument, or the value itself, at order 0."""
+        """Return argument `which` at order 0, or the value itself for OWN."""
         return self.read("first", self.jet.image.places[self.operand(which)])
 
     def total(self, which: int) -> Term:
-        """Return a sum over 0 < j < k."""
+        """Return sum number `which` over 0 < j < k."""
         return self.read("totals", self.jet.sums[self.chunk, which])
 
     def over(self, which: int) -> Real:
-        """Return 1 / (an argument, or the value itself, at order 0)."""
+        """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
         return self.read("reciprocals", self.jet.divisors[self.operand(which)])
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known at compile time, else None."""
+        """Return coefficient `which` of the rule if it is known at compile time, else None."""
         return self.jet.common(self.chunk.coefficients[which])
 
     def constant(self, which: int) -> Real:
-        """Return a constant coefficient of the chunk's rule, in this lane."""
+        """Return coefficient `which` of the chunk's rule, in this lane."""
         known = self.known(which)
         if known is not None:
             return self.p.real(known)
         return self.read("constants", self.jet.vectors[self.chunk.coefficients[which]])
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
         return self.jet.share(x)
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
         return self.jet.part(x)
 
     def start(self) -> Term:
@@ -204,21 +205,21 @@ class ChunkLane:
 
 
 class ScatteredLane(ChunkLane):
-    """Source of the coefficients of one lane of a linear combination whose terms are anywhere in memory; see `At`."""
+    """Source of the coefficients of one lane of a linear combination whose terms are not adjacent in memory."""
 
     def __init__(self, jet: Orders, chunk: Chunk, lane: int) -> None:
         super().__init__(jet, chunk, jet.k)
         self.lane = lane
 
     def now(self, which: int) -> Term:
-        """Return an argument's coefficient of the present order."""
+        """Return argument `which` at the present order."""
         home = self.jet.image.homes[self.chunk.args[which].values[self.lane]]
         return self.jet.array_of(home)[home]
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known at compile time, else None."""
+        """Return coefficient `which` of the rule if it is known at compile time, else None."""
         return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
 
     def constant(self, which: int) -> Real:
-        """Return a constant coefficient of the chunk's rule, in this lane."""
+        """Return coefficient `which` of the chunk's rule, in this lane."""
         return self.jet.constants[self.chunk.coefficients[which][self.lane]]

@@ -1,9 +1,9 @@
 """A whole Taylor integrator as one procedure, for exports: choice of the order, series, steps and defect tests.
 
-    taylor(t, t_end, y, p, rtol, atol, max_steps) -> how it ended, see `Outcome`
+    taylor(t, t_end, y, p, rtol, atol, max_steps) -> an `Outcome`
 
-moves the state y from t[0] to t_end with the steps of our own driver. Where it does not get there, t and y are the last
-state, and PAUSED says that `max_steps` were taken.
+It advances the state y from t[0] to t_end with the steps of this package's driver. If it ends earlier, t and y are the
+last state. PAUSED means that `max_steps` steps were taken.
 """
 
 from __future__ import annotations
@@ -36,22 +36,24 @@ from lagrange.program.series import SeriesProgram
 
 MOST_WRITTEN_OUT = 5000
 """Largest number of operations of a series that is printed without a loop up to its highest order. A double pendulum
-has 2,700, 130 kB of C, which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more, the
-values do not fit into registers: the outer solar system would take 2.5 times as long."""
+has 2,700 (130 kB of C), which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more
+operations the values do not fit into registers: the outer solar system would take 2.5 times as long.
+"""
 
 ORDER_BITS, ORDER_GRID = 53, 1060
-"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`, so that each order holds for several
-of them."""
+"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`, so that each order is valid for
+several of them.
+"""
 
 
 @dataclass(frozen=True)
 class TaylorProcedures:
-    """The integrator of a series program whose numbers stand from `begin` on in the prepared array.
+    """The integrator of a series program, whose numbers are in the prepared array from index `begin` on.
 
-    The run takes at least `steps_at_least` steps. `projection` are the corrections of a state onto its constraints, see
-    `CORRECTIONS`, from the same array; with `relations` some constraints are those of coordinates of first order. With
-    `watches` the series has event functions, for callers of its parts. Raises StatementError for a system with
-    switching surfaces.
+    The run takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its
+    constraints, with the type `CORRECTIONS` and the same prepared array. With `relations` some constraints are those of
+    coordinates of first order. With `watches` the series has event functions, for callers that use single procedures.
+    Raises StatementError for a system with switching surfaces.
     """
 
     program: SeriesProgram
@@ -72,27 +74,27 @@ class TaylorProcedures:
 
     @cached_property
     def packing(self) -> Packing:
-        """The packed series from which orders are chosen."""
+        """The packed series by which orders are chosen."""
         return pack(self.program, WIDEST_VECTOR)
 
     @cached_property
     def single(self) -> Packing:
-        """The series with single values, for code without loops and for lanes."""
+        """The series packed as single values, for code without loops and for lanes."""
         return pack(self.program, 1)
 
     @cached_property
     def aligned(self) -> Packing:
-        """The series in which values that are read together are adjacent, for a loop over orders."""
+        """The series with adjacent values that are read together, for a loop over orders."""
         return pack(self.program, WIDEST_VECTOR, aligned=True)
 
     @cached_property
     def numbers(self) -> SeriesNumbers:
-        """The numbers after the parameters: `size` of them, written by `prepare`."""
+        """The numbers of the series after the parameters: `size` numbers, written by `prepare`."""
         return SeriesNumbers(self.program, self.begin)
 
     @cached_property
     def orders(self) -> list[tuple[float, int]]:
-        """The order of the largest tolerances, and every change: the tolerance below which an order holds."""
+        """Pairs (tolerance, order): the order for the largest tolerance, then every change of order below one."""
         exponents = [-k * ORDER_BITS / ORDER_GRID for k in range(ORDER_GRID + 1)]
         found = [(math.inf, self.order(1.0))]
         for above, below in pairwise(exponents):
@@ -188,7 +190,7 @@ class TaylorProcedures:
         return run, counts
 
     def chosen(self, p: Builder, rtol: Real) -> Whole:
-        """Build the choice of the order for a tolerance, by the tolerances at which the order changes."""
+        """Build the order for a tolerance, by comparison with the tolerances at which the order changes."""
         found: Whole = p.whole(self.orders[0][1])
         for (_, before), (tolerance, order) in pairwise(self.orders):
             found = found + p.whole(rtol < tolerance) * (order - before)

@@ -38,7 +38,7 @@ ANGLES_AT_ONCE = 8
 class JetBuilder:
     """Base class of builders of a series, order after order.
 
-    `origin` has the values of order 0 by number. Inverses of mass matrices are written out up to a largest size.
+    `origin` has the values of order 0, by number. Inverses of mass matrices are written out up to the size `largest`.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class JetBuilder:
         self.singular: Flag = p.false
 
     def begin(self) -> None:
-        """Build order 0, the constants and the matrices."""
+        """Build order 0, the constants and the linear systems."""
         program, p = self.program, self.p
         self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
         self.joined: dict[tuple[int, ...], Term] = {}
-        """Coefficients as vectors, by their indices in the table."""
+        """Coefficients joined to vectors, by their indices in the table."""
         self.reciprocals: dict[Operand, Term] = {}
         """Reciprocals of the divisors at order 0."""
         style = ALONE if self.packing.lanes > 1 else SOURCE
@@ -83,23 +83,23 @@ class JetBuilder:
         self.singular = reduce(lambda a, b: a | b, flags)
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients by their indices in the table, as one value."""
+        """Return coefficients of the table, given by their indices, as one number or vector."""
         if places not in self.joined:
             self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
         return self.joined[places]
 
     def at_zero(self, operand: Operand) -> Term:
-        """Return an operand at order 0."""
+        """Return an operand at order 0, as a number or vector."""
         zero = (None, 0)
         return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
 
     def matrices(self) -> Memory:
-        """Return memory for matrices, after the rows."""
+        """Return the memory for matrices, which follows the rows."""
         return self.rows.at((self.order + 1) * self.layout.width)
 
 
 class LoopJet(JetBuilder):
-    """A series whose orders are computed in a loop: the numbers that depend on the order k alone."""
+    """Base class of a series whose orders are computed in a loop: the numbers that depend on the order k alone."""
 
     def __init__(
         self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
@@ -123,7 +123,7 @@ class LoopJet(JetBuilder):
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Build the numbers that depend on the order alone."""
+        """Build the numbers that depend on the order k alone."""
         p = self.p
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank
@@ -133,18 +133,18 @@ class LoopJet(JetBuilder):
         self.time = p.choose(k.equals(1), self.scale, 0.0)
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
         return divided(self, x, *self.shares)
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
         return divided(self, x, self.high, self.low)
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
     """Return x (high + low), rounded once.
 
-    The rounded reciprocal of an order has an error of the same sign at every step, so errors would grow with time.
+    The rounded reciprocal of an order has an error of the same sign at every step, which would add up.
     """
     if x is None:
         return None

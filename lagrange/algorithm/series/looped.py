@@ -1,9 +1,8 @@
 """The series of a system in a loop over orders, with like values adjacent in memory.
 
-Each order has two phases: the sums over lower orders, some vectors at a time in a loop that multiplies and adds and
-does nothing else; then the short chain of values that depend on one another, a chunk of like values at a time. Values
-of the present order, and those of order 0, are in local arrays of the procedure. A row of the work array keeps those
-that later orders read.
+Each order has two phases. First come the sums over lower orders, some vectors at a time, in a loop that only multiplies
+and adds. Then come the values that depend on one another, a chunk of like values at a time. Values of the present order
+and of order 0 are in local arrays of the procedure. Values that later orders read are in a row of the work array.
 """
 
 from __future__ import annotations
@@ -24,17 +23,18 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.values import Memory, Whole
 
 Piece = tuple[Chunk, int, int, int]
-"""A part of the sums of a chunk: the chunk, the index of the pair, the first lane, and the number of lanes."""
+"""A part of the sums of a chunk: the chunk, the index of the pair of factors, the first lane, and the number of lanes.
+"""
 
 SHORTEST_RUN = 4
-"""Shortest run of adjacent values that is copied in a loop, which compilers vectorize."""
+"""Least length of a run of adjacent values that is copied in a loop, which compilers vectorize."""
 
 TILE = 48
-"""Largest number of sums in one loop: their totals stay in registers."""
+"""Largest number of sums in one loop, so that their totals stay in registers."""
 
 
 def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
-    """Return the layout of a series without watched values, and that of the values at one order."""
+    """Return the layout of a series without watched values, and the layout of the values at one order."""
     program = packing.program
     image = Image(packing, 10 * program.dimension)
     scratch = whole_blocks(sum(system_size(stage.plan) for stage in program.stages), ALIGNED)
@@ -50,13 +50,13 @@ class LoopedJet(LoopJet):
         self.parts: dict[tuple[str, int], Memory] = {}
         self.arrays: dict[str, Memory] = {}
         self.vectors: dict[tuple[int, ...], int] = {}
-        """Index of a chunk's coefficients among the constants, by their indices in the table."""
+        """Index of a chunk's coefficients among the stored constants, by their indices in the table."""
         self.sums: dict[tuple[Chunk, int], int] = {}
-        """Index of each sum among the totals."""
+        """Index of each sum among the totals, by chunk and pair of factors."""
         self.divisors: dict[Operand, int] = {}
-        """Index of the reciprocal of an operand at order 0 among the reciprocals."""
+        """Index of the reciprocal of each divisor among the reciprocals at order 0."""
         self.current: dict[Operand, None] = {}
-        """Operands that are gathered to vectors at the present order."""
+        """Operands that have been gathered to vectors at the present order."""
         self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
 
     def build(self) -> Procedure:
@@ -127,7 +127,7 @@ class LoopedJet(LoopJet):
             self.prepare_systems()
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
-        """Write the reciprocals of the divisors at order 0."""
+        """Write the reciprocals of the divisors of chunks at order 0."""
         wanted = dict.fromkeys(operand for chunk in chunks if (operand := divisor(chunk)) is not None)
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
         place = 0
@@ -139,7 +139,7 @@ class LoopedJet(LoopJet):
             place += len(operand.values)
 
     def prepare_systems(self) -> None:
-        """Reserve a right-hand side and a solution for each stage, and write the inverses of diagonal matrices."""
+        """Reserve a right-hand side and a solution for each stage. Write the inverses of diagonal matrices."""
         p = self.p
         for system, stage in zip(self.systems, self.program.stages, strict=True):
             n = stage.plan.size
@@ -151,25 +151,25 @@ class LoopedJet(LoopJet):
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return the part of an array from an index on.
+        """Return the part of a named array from index `place` on.
 
         Values of the present order that later orders read are in the row, not in the array "now".
         """
         return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
 
     def array_of(self, place: int) -> Memory:
-        """Return the array that contains the present order's value with an index."""
+        """Return the array that contains the present order's value with index `place`."""
         return self.arrays["row" if place < self.image.width else "now"]
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that the coefficients equal in all lanes, if it is known at compile time, else None."""
+        """Return the number that constants of the table equal, if it is known at compile time; else None."""
         known = dict.fromkeys(self.program.numbers[place] for place in places)
         return next(iter(known)) if len(known) == 1 else None
 
     # --- orders
 
     def set_order(self, k: Whole) -> None:
-        """Build the numbers that depend on the order alone."""
+        """Build the numbers that depend on the order k alone."""
         width = self.layout.width
         self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
@@ -186,14 +186,14 @@ class LoopedJet(LoopJet):
         self.sum_tile(tile)
 
     def pieces(self) -> Iterator[Piece]:
-        """Return the sums in pieces of at most a tile."""
+        """Yield the sums in pieces of at most `TILE` sums."""
         for chunk, which in self.sums:
             size = len(chunk.values)
             for begin in range(0, size, TILE):
                 yield chunk, which, begin, min(TILE, size - begin)
 
     def sum_tile(self, pieces: Sequence[Piece]) -> None:
-        """Build some sums in one loop."""
+        """Build the sums of pieces in one loop."""
         width = self.layout.width
         for chunk, which, begin, size in pieces:
             self.clear(self.part_of("totals", self.sums[chunk, which] + begin), size)
@@ -204,7 +204,7 @@ class LoopedJet(LoopJet):
                     self.add_product(piece, lower, upper)
 
     def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
-        """Add the products of two rows to a sum."""
+        """Add the product of a row of the first factor and a row of the second to each sum of a piece."""
         chunk, which, begin, size = piece
         a, b = (self.image.places[operand] + begin for operand in chunk.sums[which])
         total, left, right = self.part_of("totals", self.sums[chunk, which] + begin), lower.at(a), upper.at(b)
@@ -212,7 +212,7 @@ class LoopedJet(LoopJet):
             total[i] = self.p.fma(left[i], right[i], total[i])
 
     def find_coordinates(self) -> None:
-        """Build the coordinates from their rates."""
+        """Build the coordinates from their rates of change."""
         for chunk, rate in zip(self.packing.coordinates, self.packing.rates, strict=True):
             target = self.part_of("now", chunk.values[0])
             source = self.part_of("previous", self.image.places[rate])
@@ -220,7 +220,7 @@ class LoopedJet(LoopJet):
                 target[i] = self.share(source[i])
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks at the present order."""
+        """Build the coefficients of chunks at the present order."""
         for chunk in chunks:
             if chunk.op == "constant":
                 self.clear(self.part_of("now", self.image.places[chunk.whole]), len(chunk.values))
@@ -236,13 +236,13 @@ class LoopedJet(LoopJet):
             self.current[chunk.whole] = None
 
     def is_scattered(self, chunk: Chunk) -> bool:
-        """Return True if a chunk adds values that are not adjacent, and that no later order reads as a vector."""
+        """Return True if a chunk adds values that are not adjacent, and no later order reads it as a vector."""
         places = self.image.places
         apart = [operand for operand in chunk.args if operand in self.image.gathered]
         return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
 
     def combine(self, chunk: Chunk) -> None:
-        """Build a chunk of linear combinations value by value: gathering their terms to vectors would cost more."""
+        """Build a chunk of linear combinations value by value: gathering their terms to vectors costs more."""
         begin = self.image.places[chunk.whole]
         target = self.array_of(begin)
         known: dict[int, Term] = {}
@@ -252,7 +252,7 @@ class LoopedJet(LoopJet):
             target[begin + lane] = known[value]
 
     def gather(self, operand: Operand) -> None:
-        """Gather the values of an operand to a vector, once at each order."""
+        """Gather the values of an operand to a vector, unless it was done at this order."""
         image = self.image
         if operand not in image.gathered or operand in self.current:
             return
@@ -269,7 +269,7 @@ class LoopedJet(LoopJet):
             self.copy_run(home, place + lane, count)
 
     def copy_run(self, home: int, place: int, count: int) -> None:
-        """Copy a run of adjacent values, or write a zero."""
+        """Copy a run of adjacent values to index `home`, or write a zero there."""
         if home == NOWHERE:
             self.array_of(place)[place] = 0.0
         elif count < SHORTEST_RUN:
@@ -279,7 +279,7 @@ class LoopedJet(LoopJet):
             self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
+        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
         depth, begin = self.program.depth, 0
         self.current = {
             operand: None
@@ -295,7 +295,7 @@ class LoopedJet(LoopJet):
             begin += chunk.count
 
     def solved_in_memory(self, place: int, stage: PackedStage, guess: Memory | None) -> Memory:
-        """Return the unknowns of a stage, corrected from a guess."""
+        """Return the unknowns of a stage, as a correction of a guess, in memory."""
         p, (right, solution, inverse) = self.p, self.solutions[place]
         begin = 0
         for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
@@ -334,7 +334,7 @@ class LoopedJet(LoopJet):
             rows[i] = first[i]
 
     def write(self) -> None:
-        """Complete the row of the present order."""
+        """Write the rest of the row of the present order."""
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)

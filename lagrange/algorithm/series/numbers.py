@@ -1,4 +1,4 @@
-"""The numbers of a series that depend on parameters alone, and their layout after the parameters."""
+"""The numbers of a series that depend on parameters alone, and their layout after the parameters in memory."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ FloatArray = NDArray[np.float64]
 
 
 class SeriesNumbers:
-    """Layout of a series' numbers of parameters alone, in the prepared array from index `begin` on.
+    """Layout of a series' numbers in the prepared array, from index `begin` on. They depend on parameters alone.
 
-    The prepared array starts with the parameters. First come the constants that are not known at compile time, then the
-    hoisted results of the start, then the inverses of constant matrices. Series of vectors add constants as vectors, in
-    the order in which a `packing` reads them.
+    The prepared array begins with the parameters. The numbers are: constants that are not known at compile time, the
+    hoisted results of order 0, and the inverses of constant matrices. Series of vectors add constants joined to
+    vectors, in the order in which a `packing` reads them.
     """
 
     def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
@@ -36,7 +36,7 @@ class SeriesNumbers:
         unknown = [place for place, number in enumerate(program.numbers) if number is None]
         self.places = {place: k for k, place in enumerate(unknown)}
         self.slots: dict[int, int] = {}
-        """Index of the hoisted results of the start in the prepared array."""
+        """Index in the prepared array of each hoisted result of order 0."""
         end = begin + len(unknown)
         for ref in program.start.saved:
             self.slots[ref] = end
@@ -45,7 +45,7 @@ class SeriesNumbers:
         constant = [stage.plan for stage in program.stages if not stage.plan.moving]
         self.size = self.inverses + sum(map(constant_size, constant))
         self.vectors: dict[tuple[int, ...], int] = {}
-        """Index of adjacent constants, by their indices in the table."""
+        """Index of adjacent constants in the prepared array, by their indices in the table."""
         for places in () if packing is None else (c for chunk in packing.computed for c in chunk.coefficients):
             known = all(program.numbers[place] is not None for place in places)
             if len(dict.fromkeys(places)) > 1 and not known and places not in self.vectors:
@@ -58,7 +58,7 @@ class SeriesNumbers:
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:
-        """Return the procedure that writes the numbers after the parameters in the same array."""
+        """Return the procedure that writes the numbers after the parameters, in the same array."""
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
         held = p.array("p")
@@ -81,9 +81,9 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
-        """Return the prepared array: the parameters and the numbers, without the hoisted results of the start.
+        """Return the prepared array: the parameters and the numbers, without the hoisted results of order 0.
 
-        `table` are the constants, and `inverses` the constant matrices (n, n) inverted.
+        `table` are the constants, and `inverses` the inverses of the constant matrices (n, n).
         """
         prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
@@ -99,7 +99,7 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return the procedure that writes the hoisted results of the start into the array with all other numbers."""
+        """Return the procedure that writes the hoisted results of order 0 to the array with all other numbers."""
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
         table = [self.constant(held, place) for place in range(len(self.program.numbers))]
@@ -111,19 +111,19 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
-        """Return several constants as a vector."""
+        """Return constants of the table, given by their indices, as a vector."""
         if places in self.vectors:
             return prepared.entries(self.begin + self.vectors[places], len(places))
         return joined(prepared.builder, [(constants[place], 0) for place in places])
 
     def constant(self, prepared: Memory, place: int) -> Real:
-        """Return a constant of the table."""
+        """Return the constant of the table with index `place`."""
         known = self.program.numbers[place]
         found: Real = prepared[self.begin + self.places[place]] if known is None else prepared.builder.real(known)
         return found
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Return the inverse of each stage's constant matrix; None for a matrix that moves."""
+        """Yield the inverse of each stage's constant matrix, or None for a matrix that moves."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -154,7 +154,10 @@ class Start(Body):
         padded: int = 0,
         style: Style = SOURCE,
     ) -> None:
-        """See `Body`. The rounding error of the state is `padded` numbers after the state."""
+        """Begin before any instruction.
+
+        The arguments are those of `Body`; `padded` reals after the state are its rounding error.
+        """
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
         self.count, self.constants = numbers.program.constants.parameters, constants
@@ -162,9 +165,9 @@ class Start(Body):
         self.moved = padded - self.states if padded else 0
 
     def run_moving(self, width: int) -> None:
-        """Add the instructions that depend on the state.
+        """Add the instructions that depend on the state, except angles for later.
 
-        Sines and cosines of `width` angles are computed together; those of other angles follow later.
+        Sines and cosines of `width` angles are computed together. Those of the remaining angles follow.
         """
         code, hoisted = self.program.instructions, self.program.hoisted
         angles = [ref for ref in dict.fromkeys(one.args[0] for one in self.places) if ref >= hoisted]
@@ -183,7 +186,7 @@ class Start(Body):
         self.run(range(hoisted, len(code)))
 
     def find_angles(self, angles: Sequence[int], most: int) -> None:
-        """Add the sines and cosines of angles whose values are known, several together."""
+        """Add the sines and cosines of known angles, up to `most` together."""
         while len(angles) > 1:
             width = min(most, 1 << (len(angles) - 1).bit_length())
             taken, angles = angles[:width], angles[width:]
@@ -195,7 +198,7 @@ class Start(Body):
                         self.values[place] = found.permuted(lane)
 
     def loaded(self, ref: int) -> None:
-        """Read an input or a prepared result, once."""
+        """Read an input or a prepared result, unless it has been read."""
         one = self.program.instructions[ref]
         if one.op == "parameter" and one.place >= self.count:
             self.values[ref] = self.constants[one.place - self.count]

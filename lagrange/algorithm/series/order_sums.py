@@ -1,8 +1,8 @@
 """The sums over lower orders of a series whose operands are in rows.
 
-Two orders are summed at once, an odd one and the next, over the orders before them: each number that is read from
-memory then serves two sums. The products with the odd order itself are added at the even one. The sums run a tile at a
-time, whose totals stay in registers; those with a common factor are adjacent, and read it once.
+An odd order and the next order are summed together, over the orders before both: each number that is read from memory
+then serves two sums. The products with the odd order itself are added at the even order. The sums are computed in
+tiles, whose totals stay in registers. Sums with a common factor are adjacent, and read it once.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ Pair = tuple[Operand, Operand]
 """The factors x and y of a sum of x[j] y[k-j] over 0 < j < k."""
 
 TILE = 24
-"""Accumulators per tile: 24 of 32 vector registers; the others hold factors."""
+"""Largest number of sums in a tile: their accumulators take 24 of 32 vector registers; the others hold factors."""
 
 
 class OrderSum(NamedTuple):
     """Adjacent sums: the index of their totals, and their factors in the order of reading.
 
-    Sums of a group share the second factor.
+    The second factor is common.
     """
 
     place: int
@@ -38,12 +38,12 @@ class OrderSum(NamedTuple):
 
     @property
     def lanes(self) -> int:
-        """The number of sums side by side."""
+        """Number of adjacent sums."""
         return len(self.lower.values)
 
 
 class OrderSums:
-    """Builds the sums of all orders from rows, in which factors stand at `places`."""
+    """Builds the sums of all orders from rows. `places` are the indices of the factors in a row."""
 
     def __init__(
         self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int
@@ -62,7 +62,7 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Build the sums of an order after those of the previous order."""
+        """Return the sums of an order. Those of the previous order must have been built."""
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
@@ -72,7 +72,7 @@ class OrderSums:
         return {pair: total for tile in self.tiles(TILE) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
-        """Return the sums in tiles of at most a size."""
+        """Yield the sums in tiles of at most `size` sums."""
         tile: list[OrderSum] = []
         for _, group in groupby(self.sums, key=lambda one: one.upper):
             found = list(group)
@@ -87,7 +87,7 @@ class OrderSums:
             yield tile
 
     def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
-        """Write the sums at an odd order, and at the next one without the products with the odd one."""
+        """Write the sums at an odd order k, and those at k + 1 without the products with order k."""
         p = self.p
         first, second = ([p.variable(wide(p, None, one.lanes)) for one in sums] for _ in range(2))
         factors = self.factors(sums, self.row(k - 1))
@@ -104,9 +104,9 @@ class OrderSums:
             put(p, self.totals, self.size + one.place, following.value, one.lanes, one.lanes)
 
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
-        """Return some sums: at an even order with the products with the order before.
+        """Yield the sums of a tile. At an even order the products with the previous order are added.
 
-        Their loops run once or not at all; branches in their place take 1.08 of the time of the outer solar system.
+        The loops run once or not at all: with branches in their place the outer solar system takes 1.08 times as long.
         """
         p = self.p
         found = [p.variable(entries(totals, one.place, one.lanes)) for one in sums]
@@ -116,18 +116,18 @@ class OrderSums:
         return ((one.pair, total.value) for one, total in zip(sums, found, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
-        """Return the shared factors of sums, read from a row."""
+        """Return the common factors of sums, read from a row."""
         return {kept: self.read(row, kept) for kept in dict.fromkeys(one.upper for one in sums)}
 
     def add(
         self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
     ) -> None:
-        """Add products to some sums."""
+        """Add the products of one pair of rows to the totals of sums."""
         for one, total in zip(sums, totals, strict=True):
             total.value = self.p.fma(self.read(row, one.lower), factors[one.upper], total.value)
 
     def read(self, row: Memory, kept: Operand) -> Term:
-        """Return an operand from a row."""
+        """Return an operand, read from a row."""
         return entries(row, self.places[kept], len(kept.values))
 
     def row(self, order: Whole | int) -> Memory:

@@ -1,7 +1,7 @@
 """Packing of a series' values into vectors: values with the same rule at the same depth become one vector.
 
 A chunk is such a vector of 1, 2, 4 or 8 values; its last lanes may repeat the last value. An operand is a vector of
-values that a chunk reads; if it is not another chunk, it is gathered from several.
+values that a chunk reads. Unless it is another chunk, it is gathered from several chunks.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from lagrange.program.series import SeriesProgram, SeriesRule, Stage
 Members = Sequence[int]
 
 MOST_VECTORS = 1.1
-"""A group is divided if that multiplies its number of vectors by at most this factor, since last lanes may stay
-empty."""
+"""A group is divided if that increases its number of vectors by at most this factor, because last lanes may be unused.
+"""
 
 
 class Alignment:
-    """Divides groups of like values into parts that are read together, if that takes few more vectors.
+    """Divides groups of like values into parts that are read together, unless that takes too many vectors.
 
-    `vectors` counts the vectors of a part. A part has values that the same rules read at the same argument, and values
-    that are computed from such. For distances the squares of all x are one part and those of all y the next, in the
-    same order: sums read whole vectors.
+    `vectors` counts the vectors of a part. The values of a part are read by the same rules at the same argument, or are
+    computed from the values of a part. For distances the squares of all x are one part, and those of all y the next, in
+    the same order. So sums read whole vectors.
     """
 
     def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
         self.program, self.vectors = program, vectors
         self.part: dict[int, tuple[int, ...]] = {}
-        """For each value the number of its group and that of its part."""
+        """For each value the number of its group, then those of its parts."""
         self.reader: dict[int, int] = {}
-        """For each value the first rule that reads it, in parts that are divided by their readers."""
+        """For each value the first rule that reads it, for parts that are divided by their readers."""
         for number, members in enumerate(groups):
             self.part |= dict.fromkeys(members, (number,))
         readers: dict[int, list[tuple[int, int]]] = {}
@@ -51,15 +51,18 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return the parts that read a value, with the argument where each reads it."""
+        """Return the parts of the rules that read a value, each with the argument number.
+
+        `readers` are pairs (value, argument).
+        """
         return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
 
     def made_of(self, i: int) -> Any:
-        """Return the parts of a value's arguments."""
+        """Return the parts of the arguments of a value."""
         return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
 
     def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
-        """Divide a group by keys, unless that takes too many vectors; return True if it was divided."""
+        """Divide a group by keys, unless that takes too many vectors. Return True if it was divided."""
         found: dict[Any, list[int]] = {}
         for i in members:
             found.setdefault(keys[i], []).append(i)
@@ -72,7 +75,7 @@ class Alignment:
         return True
 
     def parts(self, members: Members) -> list[list[int]]:
-        """Return the parts of a group."""
+        """Return the parts of a group, as lists of values."""
         found: dict[tuple[int, ...], list[int]] = {}
         for i in members:
             found.setdefault(self.part.get(i, ()), []).append(i)
@@ -81,7 +84,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Operand:
-    """A vector of values, or with `ranked` of their coefficients times the order, j x[j]."""
+    """A vector of values. If `ranked`, their coefficients are multiplied by the order, j x[j]."""
 
     values: tuple[int, ...]
     ranked: bool = False
@@ -89,9 +92,9 @@ class Operand:
 
 @dataclass(frozen=True)
 class Chunk:
-    """Values with one rule: `values` by lane, the first `count` of them distinct; `args` the operands of the rule.
+    """Values with one rule: `values` by lane, of which the first `count` are distinct; `args` are its operands.
 
-    `coefficients` has one tuple of places in the table of constants, by lane, for each coefficient of the rule.
+    `coefficients` has for each coefficient of the rule the indices in the table of constants, by lane.
     """
 
     op: str
@@ -125,9 +128,9 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PackedStage:
-    """A stage as chunks: its unknowns, the chunks computed with trial values of zero, and the chunks computed after it.
+    """A stage as chunks: its unknowns; the chunks computed with trial values of zero; the chunks computed after it.
 
-    `left` and `right` are operands for each chunk of unknowns, None where they are zero in all of it.
+    `left` and `right` are the operands of each chunk of unknowns, None if all entries are zero.
     """
 
     unknowns: tuple[Chunk, ...]
@@ -139,7 +142,7 @@ class PackedStage:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """The index of each unknown among those of the stage, by chunk and lane."""
+        """The index of each unknown among the unknowns of the stage, by chunk and lane."""
         values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
         places = {value: i for i, value in enumerate(values)}
         return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
@@ -147,9 +150,9 @@ class PackedStage:
 
 @dataclass(frozen=True)
 class Packing:
-    """A series program as chunks, in the order of their evaluation within each part; `rates` are those of q.
+    """A series program as chunks, each part in the order of evaluation. `rates` are those of dq/dt.
 
-    Chunks are vectors of up to `lanes` values; with one lane they are of any length, and computed value by value.
+    Chunks are vectors of up to `lanes` values. With one lane they have any length, and are computed value by value.
     """
 
     program: SeriesProgram
@@ -172,7 +175,7 @@ class Packing:
 
     @cached_property
     def place(self) -> dict[int, tuple[Chunk, int]]:
-        """Chunk and lane of each value."""
+        """The chunk and the lane of each value."""
         chunks = (*self.coordinates, *self.unknowns, *self.computed)
         return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
 
@@ -202,17 +205,17 @@ class Packing:
 
 
 ALIGNED_BLOCK = 4
-"""Parts of an aligned chunk have a multiple of this many values: a vector of most processors."""
+"""Parts of an aligned chunk have a multiple of this many values, the width of vectors of most processors."""
 
 ZERO_LANE = -1
-"""Entry of an operand for a lane that is zero."""
+"""Entry of an operand in a lane that is zero."""
 
 
 def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
     """Return the program packed into vectors of up to `lanes` values.
 
-    If `aligned`, values with one rule are one chunk of any length, values that are read together are adjacent, and a
-    value may be in it twice: for compilers that vectorize loops.
+    If `aligned`, values with one rule are one chunk of any length, for compilers that vectorize loops. Values that are
+    read together are adjacent, and a value may be in a chunk twice.
     """
     packer = _Packer(program, lanes)
     groups = _groups(program, packer.level)
@@ -242,7 +245,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
-    """Return groups of values that become vectors, in the order of their evaluation."""
+    """Return the groups of values that become vectors, in the order of their evaluation."""
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
     for i in sorted({*program.before}.union(*trials, *founds)):
@@ -258,7 +261,7 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
-    """Return the operand of each chunk of unknowns of a stage, None if all its outputs are None."""
+    """Return the operand of each chunk of unknowns of a stage, or None if all its outputs are None."""
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
     return tuple(
@@ -290,7 +293,7 @@ def widths(count: int, lanes: int) -> list[int]:
 
 
 class _Packer:
-    """Orders the values of each group so that their operands are in order too."""
+    """Orders the values of each group so that their operands are in the same order."""
 
     def __init__(self, program: SeriesProgram, lanes: int) -> None:
         self.program, self.lanes = program, lanes
@@ -299,11 +302,11 @@ class _Packer:
         self.alignment: Alignment | None = None
 
     def align(self, groups: Sequence[list[int]]) -> None:
-        """Make values adjacent that are read together; see `Alignment`."""
+        """Make values adjacent that are read together, by `Alignment`."""
         self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
-        """Return the unknowns of a stage as chunks; velocities are in chunks of their own."""
+        """Return the unknowns of a stage as chunks. Velocities have separate chunks."""
         end = self.program.states
         velocities = [value for value in stage.unknowns if value < end]
         others = [value for value in stage.unknowns if value >= end]
@@ -329,12 +332,12 @@ class _Packer:
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
-        """Append values to those that are packed."""
+        """Append values to the packed values."""
         for value in members:
             self.position[value] = len(self.position)
 
     def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
-        """Return the parts of a group as one chunk; each part begins with a whole block."""
+        """Return the parts of a group as one chunk. Each part begins at a multiple of `ALIGNED_BLOCK`."""
         lanes: list[int] = []
         rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
         for part in parts:
@@ -352,7 +355,7 @@ class _Packer:
         return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
-        """Return the rule with exchangeable arguments in a fixed order: the one that is known last comes first."""
+        """Return the rule with exchangeable arguments in a fixed order: the one that is computed last comes first."""
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":
@@ -362,16 +365,16 @@ class _Packer:
         return rule
 
     def at(self, value: int) -> int:
-        """Return the position of a value among those packed; the last one for a value that is packed later."""
+        """Return the position of a value among the packed values; for a value that is packed later, the end."""
         return self.position.get(value, len(self.program.rules) + value)
 
 
 def levels(program: SeriesProgram) -> list[tuple[int, int]]:
-    """Return for each value when it can be computed.
+    """Return for each value the level at which it can be computed, as a pair of counts.
 
-    The time is the number of sums over lower orders, then of other values, that come before it. A sum waits for all
-    combinations before it, so that sums of one kind become one vector, however long the chains of combinations before
-    them. Velocities come last of all.
+    They are the numbers of sums over lower orders, and then of other values, that come before it. A sum waits for all
+    combinations before it. So sums of one kind become one vector, whatever the length of the chains of combinations.
+    Velocities are last.
     """
     found: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):

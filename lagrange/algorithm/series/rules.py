@@ -1,6 +1,6 @@
 """The rules of a series: the coefficient of a value at one order, from lower orders and from its arguments.
 
-`At` is the source of the coefficients of one value, or of a chunk of like values. None is exactly zero.
+`At` is the source of the coefficients of one value, or of a chunk of like values. None means exactly zero.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ class At(Protocol):
     chunk: Chunk
 
     def now(self, which: int) -> Term:
-        """Return an argument's coefficient of the present order."""
+        """Return argument `which` at the present order."""
 
     def before(self, which: int) -> Term:
-        """Return an argument's coefficient of the previous order."""
+        """Return argument `which` at the previous order."""
 
     def first(self, which: int) -> Term:
-        """Return an argument, or the value itself, at order 0."""
+        """Return argument `which` at order 0, or the value itself for OWN."""
 
     def total(self, which: int) -> Term:
         """Return sum number `which` over 0 < j < k, in the order of `Chunk.sums`."""
 
     def over(self, which: int) -> Term:
-        """Return 1 / (an argument, or the value itself, at order 0)."""
+        """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known at compile time, else None."""
+        """Return coefficient `which` of the rule if it is known at compile time, else None."""
 
     def constant(self, which: int) -> Term:
-        """Return a constant coefficient of the rule."""
+        """Return coefficient `which` of the rule."""
 
     def share(self, x: Term) -> Term:
-        """Return x times scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
 
 
 def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
@@ -77,7 +77,7 @@ def plus(a: Term, b: Term) -> Term:
 
 
 def scaled(at: At, x: Term, which: int = 0) -> Term:
-    """Return x times a coefficient of the rule."""
+    """Return x times coefficient `which` of the rule."""
     known = at.known(which)
     if x is None or known == 1.0:
         return x
@@ -85,7 +85,7 @@ def scaled(at: At, x: Term, which: int = 0) -> Term:
 
 
 def coefficient(at: At) -> Term:
-    """Return the coefficient of a value, or of a chunk, at the present order, by its rule."""
+    """Return the coefficient of a value, or of a chunk, at the present order, computed by its rule."""
     return _RULES[at.chunk.op](at)
 
 
@@ -107,7 +107,7 @@ def _linear(at: At) -> Term:
 
 
 def _mul(at: At) -> Term:
-    # The argument that is known last comes first in a chunk, and is added last.
+    # The argument that is computed last is the first in a chunk, and is added last.
     a, b = at.now(0), at.now(1)
     total = at.total(0)
     if b is not None:
@@ -129,7 +129,7 @@ def _inverse(at: At) -> Term:
 
 
 def _divided(at: At, left: Term, which: int) -> Term:
-    """Return (left - b[k] u[0]) / b[0]."""
+    """Return (left - b[k] u[0]) / b[0], where b is argument `which` and u the value."""
     last = at.now(which)
     if last is not None:
         left = fma(at.p, -last, at.first(OWN), left)
@@ -143,9 +143,9 @@ def _sqrt(at: At) -> Term:
 
 
 def _flat(at: At, zeroed: Term, found: Term) -> Term:
-    """Return the coefficient of a root.
+    """Return the coefficient `found` of a root.
 
-    If the root is zero at order 0, the coefficient is zero while the argument stays zero, else NaN.
+    If the root is zero at order 0, the coefficient is 0 while the argument stays zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -154,7 +154,7 @@ def _flat(at: At, zeroed: Term, found: Term) -> Term:
 
 
 def _power(at: At) -> Term:
-    """Return the coefficient of u = a**e.
+    """Return the coefficient of u = a**e at order k.
 
     a[0] u[k] = (e + 1) / k sum of j a[j] u[k-j] - sum of a[j] u[k-j] + e a[k] u[0].
     """

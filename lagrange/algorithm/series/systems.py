@@ -1,7 +1,7 @@
-"""The linear systems of a series. Each matrix is inverted or factored at order 0, and used to solve at every order.
+"""The linear systems of a series. Each matrix is inverted or factored at order 0, and solved with at every order.
 
-A small matrix is inverted, which makes a solve a product; with pivoting where a pivot cannot be trusted. Beside
-multipliers, where most entries are zero, factors are kept instead.
+A small matrix is inverted, so that a solve is a product. Pivoting is used if a pivot is too small. Sparse matrices,
+with multipliers, are factored instead.
 """
 
 from __future__ import annotations
@@ -24,28 +24,31 @@ Triangle = dict[tuple[int, int], Real]
 
 
 Rows = Sequence[Sequence[int]]
-"""Rows of a system that are in each vector of unknowns. A last row may be repeated."""
+"""Rows of a system that each vector of unknowns contains. A last row may be repeated."""
 
 
 class LinearSystem(Protocol):
-    """A matrix that is inverted or factored; it solves for one right-hand side after another."""
+    """A matrix that is inverted or factored, to solve for one right-hand side after another."""
 
     def read(self, rows: Rows) -> None:
-        """Gather the numbers that solves read to vectors, before the loop that contains the solves."""
+        """Gather the numbers that solves read to vectors, before the loop over orders."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution by rows, for a right-hand side by rows."""
+        """Return the solution as one vector for each entry of `rows`, for a right-hand side in the same form."""
 
 
 MOST_INVERSE_COLUMNS = 32
-"""Largest order of an inverse in memory whose product with a vector is written out."""
+"""Largest size of an inverse in memory whose product with a vector is written out."""
 
 ALL = 1_000_000
-"""Limit on the size of inverses that are written out if all are, sparse ones too."""
+"""Limit on the size of inverses that are written out, if all are, including sparse ones."""
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
-    """Return the number of doubles that a moving matrix takes in memory; inverses up to `largest` are written out."""
+    """Return the number of doubles that a moving matrix takes in memory.
+
+    Inverses up to the size `largest` take none.
+    """
     if not plan.inverted or largest == ALL:
         return 0
     if is_factored(plan):
@@ -57,7 +60,7 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
 def moving_system(
     p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
 ) -> tuple[LinearSystem, list[Flag]]:
-    """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
+    """Return a system from the entries of its lower triangle, and the flags that the matrix is singular."""
     blocks = _triangles(plan, entries)
     if plan.diagonal:
         pairs = [(block[0], lower[0, 0]) for block, lower in blocks]
@@ -84,7 +87,7 @@ def constant_size(plan: SolvePlan) -> int:
 
 
 def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
-    """Write the inverse of a constant matrix by columns, or its diagonal; return flags that say that it is singular."""
+    """Write the inverse of a constant matrix by columns, or of its diagonal. Return the flags that it is singular."""
     blocks, n = _triangles(plan, entries), plan.size
     if plan.diagonal:
         for block, lower in blocks:
@@ -98,7 +101,7 @@ def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: M
 
 
 def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem:
-    """Return a constant matrix whose inverse is in memory."""
+    """Return the system of a constant matrix whose inverse is in memory."""
     n = plan.size
     if plan.diagonal:
         return Diagonal(p, {i: memory[i] for i in range(n)})
@@ -108,7 +111,7 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem
 
 
 def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
-    """Return the entries of vectors as single values, by row."""
+    """Return the entries of vectors as single values, in the order of the rows."""
     found = {}
     for chunk, x in zip(rows, right, strict=True):
         for lane, row in enumerate(chunk):
@@ -118,13 +121,13 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
-    """Return a vector from memory; its last value is repeated in all later entries."""
+    """Return a vector from single values in memory; the last one is repeated in the remaining entries."""
     last = len(dict.fromkeys(chunk)) - 1
     return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
 
 
 def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
-    """Return single values as vectors."""
+    """Return single values as vectors, one for each entry of `rows`."""
     return [joined(p, [(x[row], 0) for row in chunk]) for chunk in rows]
 
 
@@ -136,13 +139,13 @@ class Diagonal:
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Gather the reciprocals to vectors; see `LinearSystem`."""
+        """Gather the reciprocals to vectors."""
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `LinearSystem`."""
+        """Return the product of reciprocals and right-hand side."""
         self.read(rows)
         return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
 
@@ -156,7 +159,7 @@ class Inverse:
         """Vectors of entries of a column, by column and rows."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `LinearSystem`."""
+        """Return the product of inverse and right-hand side."""
         self.read(rows)
         found: list[Term] = [None] * len(rows)
         for j, x in enumerate(_apart(self.p, rows, right)):
@@ -165,7 +168,7 @@ class Inverse:
         return found
 
     def read(self, rows: Rows) -> None:
-        """Gather the entries to vectors; see `LinearSystem`."""
+        """Gather the entries to vectors."""
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:
@@ -179,7 +182,7 @@ class InverseInMemory:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `LinearSystem`."""
+        """Return the product of inverse and right-hand side."""
         p, n = self.p, self.size
         given = p.reserve(n, name="right")
         if all(len(chunk) == 1 for chunk in rows):
@@ -194,7 +197,7 @@ class InverseInMemory:
         return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
 
     def in_line(self, rows: Rows, right: Memory) -> list[Term]:
-        """Return the products with vectors of the columns, each the sum of two chains."""
+        """Return the products with vectors of the columns, written out, each as the sum of two partial sums."""
         sums: list[list[Term]] = [[None, None] for _ in rows]
         for j in range(self.size):
             x = right[j]
@@ -213,10 +216,10 @@ class InverseInMemory:
         return [total.value for total in sums]
 
     def read(self, rows: Rows) -> None:
-        """Read nothing: columns are read where they are used."""
+        """Do nothing: columns are read at their use."""
 
     def multiply(self, right: Memory, found: Memory) -> None:
-        """Write the solution of a right-hand side in memory."""
+        """Write the solution `found` for a right-hand side in memory."""
         p, n = self.p, self.size
         with p.each(n, width=1) as i:
             found[i] = 0.0
@@ -227,13 +230,13 @@ class InverseInMemory:
 
 
 class FactoredSystem:
-    """The factors of each block of a matrix. Where a pivot cannot be trusted, they are those with pivoting."""
+    """The factors of each block of a matrix, with pivoting for a block with a pivot that is too small."""
 
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution; see `LinearSystem`."""
+        """Return the solution by forward and backward substitution."""
         single, found = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
             solution = block.solve([single[i] for i in block.unknowns])
@@ -242,7 +245,7 @@ class FactoredSystem:
         return _together(self.p, rows, found)
 
     def read(self, rows: Rows) -> None:
-        """Read nothing: factors are read where they are used."""
+        """Do nothing: factors are read at their use."""
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:
@@ -251,7 +254,7 @@ def _is_small(plan: SolvePlan, largest: int) -> bool:
 
 
 def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
-    """Return each block of unknowns with the entries of its lower triangle."""
+    """Return for each block of a matrix its unknowns, and the entries of its lower triangle."""
     place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
     found: list[Triangle] = [{} for _ in plan.blocks]
     for row, column in plan.triangle:
@@ -270,7 +273,7 @@ def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], t
 
 
 def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
-    """Return the entries of the inverse of a small symmetric matrix, and whether it is singular."""
+    """Return the entries of the inverse of a small symmetric matrix, and the flag that it is singular."""
     plan = elimination(n, frozenset(lower), negative)
     factors, trusted = factored(p, plan, lower)
     columns = [solved(p, plan, factors, [p.real(float(i == j)) for i in range(n)]) for j in range(n)]
@@ -294,7 +297,7 @@ def _inverted(
     inverse: Memory,
     work: Memory,
 ) -> Flag:
-    """Write the inverse of a whole matrix, by columns in whole blocks; return whether it is singular."""
+    """Write the inverse of a whole matrix, by columns in whole blocks. Return the flag that it is singular."""
     n, placed = plan.size, {}
     for block, lower in blocks:
         for (i, j), value in lower.items():
@@ -345,7 +348,7 @@ class _FactoredBlock:
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
-        """Return the solution with the factors that apply, without or with pivoting."""
+        """Return the solution by the factors that are valid, without or with pivoting."""
         p, n, zero = self.p, self.how.order, self.p.real(0.0)
         given: list[Any] = [zero if x is None else x for x in right]
         found = [p.variable(zero) for _ in range(n)]

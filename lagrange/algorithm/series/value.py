@@ -1,4 +1,4 @@
-"""Sources of the coefficients of a chunk at one order, as a number or a short vector of like values; see `At`."""
+"""Sources of the coefficients of a chunk at one order, each a number or a short vector of like values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lagrange.program.series import SeriesProgram
 
 
 class OperandSource(Protocol):
-    """Source of the operands that chunks read: at the present order, the previous one, and order 0."""
+    """Source of the operands that chunks read: at the present order, at the previous order, and at order 0."""
 
     p: Builder
     program: SeriesProgram
@@ -29,67 +29,67 @@ class OperandSource(Protocol):
         """Return an operand at order 0."""
 
     def over(self, operand: Operand) -> Term:
-        """Return 1 / (an operand at order 0)."""
+        """Return the reciprocal of an operand at order 0."""
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients by their indices in the table, as one value."""
+        """Return coefficients of the table, given by their indices, as one number or vector."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
 
 
 class ChunkAt:
-    """Source of the coefficients of a chunk at one order, except its sums; see `At`."""
+    """Source of the coefficients of a chunk at one order, except its sums. `which` is defined in `At`."""
 
     def __init__(self, series: OperandSource, chunk: Chunk) -> None:
         self.series, self.chunk, self.p = series, chunk, series.p
 
     def operand(self, which: int) -> Operand:
-        """Return an argument, or the chunk itself."""
+        """Return the operand that is argument `which`, or the chunk itself for OWN."""
         return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def now(self, which: int) -> Term:
-        """Return an argument's coefficient of the present order."""
+        """Return argument `which` at the present order."""
         return self.series.now(self.operand(which))
 
     def before(self, which: int) -> Term:
-        """Return an argument's coefficient of the previous order."""
+        """Return argument `which` at the previous order."""
         return self.series.before(self.operand(which))
 
     def first(self, which: int) -> Term:
-        """Return an argument, or the chunk itself, at order 0."""
+        """Return argument `which` at order 0, or the chunk itself for OWN."""
         found = self.series.first(self.operand(which))
         return self.p.real(0.0) if found is None else found
 
     def over(self, which: int) -> Term:
-        """Return 1 / (an argument, or the chunk itself, at order 0)."""
+        """Return the reciprocal at order 0 of argument `which`, or of the chunk itself for OWN."""
         return self.series.over(self.operand(which))
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known at compile time and equal in all lanes, else None."""
+        """Return coefficient `which` of the rule if it is known at compile time and equal in all lanes, else None."""
         found = dict.fromkeys(self.series.program.numbers[place] for place in self.chunk.coefficients[which])
         return next(iter(found)) if len(found) == 1 else None
 
     def constant(self, which: int) -> Term:
-        """Return a constant coefficient of the chunk's rule."""
+        """Return coefficient `which` of the chunk's rule."""
         return self.series.constant(self.chunk.coefficients[which])
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
         return self.series.share(x)
 
     def part(self, x: Term) -> Term:
-        """Return x / k."""
+        """Return x / k, where k is the order."""
         return self.series.part(x)
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
         return self.series.start()
 
 

@@ -1,4 +1,4 @@
-"""Short vectors of a series: gathered from entries of several values. A value of one entry is a real."""
+"""Short vectors of a series, gathered from entries of several values. A vector with one entry is a real."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Entries, Memory, Real
 
 LARGEST_STORED_BLOCK = 8
-"""Largest block by which incomplete vectors are stored: blocks are powers of two, the largest first."""
+"""Largest block by which incomplete vectors are stored. Blocks are powers of two, the largest first."""
 
 
 def width(x: Real | Entries) -> int:
@@ -19,7 +19,7 @@ def width(x: Real | Entries) -> int:
 
 
 def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
-    """Return a vector of entries, each given by a value and an index in it; None means zero."""
+    """Return a vector of entries, each given as (value, index in the value); a value None is zero."""
     if all(x is None for x, _ in parts_of):
         return None
     given = [(p.real(0.0), 0) if x is None else (x, place) for x, place in parts_of]
@@ -36,7 +36,7 @@ def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
 def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk], Term]) -> Term:
     """Return an operand as a vector, gathered from the chunks that contain its entries.
 
-    The factor of a `ranked` operand, its order, is not included.
+    For a `ranked` operand, the factor (its order) is not included.
     """
     homes = [None if value == ZERO_LANE else packing.place[value] for value in operand.values]
     if homes[0] is not None and homes[0][0].values == operand.values:
@@ -45,18 +45,18 @@ def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk]
 
 
 def of_width(p: Builder, x: Term, size: int) -> Term:
-    """Return the first `size` entries of a value; None means zero."""
+    """Return the first `size` entries of a value; None stands for zero."""
     return None if x is None else wide(p, x, size)
 
 
 def wide(p: Builder, x: Term, size: int) -> Real | Entries:
-    """Return a vector of some entries, with zeros in place of None."""
+    """Return a value of `size` entries, which is zero if it is None."""
     found = p.real(0.0) if x is None else x
     return p.broadcast(found, size) if size > width(found) else found
 
 
 def entries(memory: Memory, place: int, size: int) -> Term:
-    """Return adjacent entries of an array as a value."""
+    """Return `size` adjacent entries of an array, from index `place` on, as a value."""
     return memory[place] if size == 1 else memory.entries(place, size)
 
 

@@ -1,4 +1,4 @@
-"""The series of a small system written out: every coefficient of every order is a value of its own."""
+"""The series of a small system, written out: every coefficient of every order is a separate value of the procedure."""
 
 from __future__ import annotations
 
@@ -19,16 +19,14 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.program.elimination import LARGEST_IN_LINE
 
 HIGHEST_EXACT_ORDER = 10
-"""Up to this order a division by the order is rounded once.
-
-A later coefficient contributes so little to a step that the bias of its rounding is negligible.
+"""Highest order at which division by the order is rounded once. A later coefficient contributes so little to a step
+that the bias of its rounding is negligible.
 """
 
 PART, LATEST = 4, 2
-"""Products in each part of a sum, and the number of latest products, which are added last.
-
-The products of a part wait for one another. In one chain a sum of order 26 waits longer than all else at that order
-takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the order before.
+"""Number of products in each part of a sum, and number of latest products, which are added last. The products of a part
+wait for one another. In one chain, a sum of order 26 waits longer than all other operations of that order take: eight
+members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the previous order.
 """
 
 
@@ -40,10 +38,7 @@ def written_layout(packing: Packing) -> TaylorLayout:
 
 
 class WrittenJet(JetBuilder):
-    """Builder of the procedure for orders from `lowest` up to `highest`.
-
-    `x` has each chunk by order; k is the present order.
-    """
+    """Builder of the procedure for orders from `lowest` to `highest`. `x` has the values of each chunk by order."""
 
     def __init__(
         self,
@@ -72,15 +67,15 @@ class WrittenJet(JetBuilder):
         return self.p.finish(FLAG)
 
     def add_order(self, k: int) -> None:
-        """Build the coefficients of an order; the highest one ends with its row."""
+        """Build the coefficients of an order. The highest order ends with its row."""
         packing, self.k = self.packing, k
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
             self.x[chunk, k] = self.share(self.before(rate))
         self.fill(packing.before)
         for place, stage in enumerate(packing.stages):
             guesses: list[Term] = [None] * len(stage.unknowns)
-            # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding.
-            # For chains of 10 and 20 links the corrected accelerations are two to three times as accurate.
+            # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding
+            # error. Corrected accelerations of chains of 10 and 20 links are two to three times as accurate.
             for _ in range(2 if k == 1 and stage.plan.moving else 1):
                 self.know(place, guesses)
                 self.fill(stage.trial)
@@ -95,13 +90,13 @@ class WrittenJet(JetBuilder):
             self.end_order()
 
     def end_order(self) -> None:
-        """Write the row of an order, and return if it is the last one; the highest order always is."""
+        """Write the row of order k, and return from the procedure if it is the last one."""
         self.write()
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and drop operands that were gathered with trial values of them."""
+        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
         depth = self.program.depth
         for key in [key for key in self.operands if key[1] == self.k]:
             if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
@@ -110,12 +105,12 @@ class WrittenJet(JetBuilder):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of some chunks at the present order."""
+        """Build the coefficients of chunks at the present order."""
         for chunk in chunks:
             self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
 
     def write(self) -> None:
-        """Write the row with its zeros, because the memory is used by many runs."""
+        """Write the row of the present order. Zeros are written too, because other runs use the same memory."""
         place = self.k * self.layout.width
         watched_at = place + self.layout.watched_at
         for chunk in self.packing.state:
@@ -125,19 +120,19 @@ class WrittenJet(JetBuilder):
             put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return an operand at the present order."""
+        """Return the coefficient of an operand at the present order."""
         return self.at(operand, self.k)
 
     def before(self, operand: Operand) -> Term:
-        """Return an operand at the previous order."""
+        """Return the coefficient of an operand at the previous order."""
         return self.at(operand, self.k - 1)
 
     def first(self, operand: Operand) -> Term:
-        """Return an operand at order 0."""
+        """Return the value of an operand at order 0."""
         return self.at(operand, 0)
 
     def at(self, operand: Operand, k: int) -> Term:
-        """Return an operand at an order."""
+        """Return the coefficient of an operand at order k."""
         key = operand, k
         if key in self.operands:
             return self.operands[key]
@@ -151,14 +146,14 @@ class WrittenJet(JetBuilder):
         return found
 
     def over(self, operand: Operand) -> Term:
-        """Return 1 / (an operand at order 0)."""
+        """Return the reciprocal of an operand at order 0."""
         if operand not in self.reciprocals:
             first = self.first(operand)
             self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
         return self.reciprocals[operand]
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k; see `At`."""
+        """Return x scale / k. The order is k; time is in units of `scale`."""
         if x is None:
             return None
         high, low = reciprocal(self.k)
@@ -166,7 +161,7 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.scaled(high, width(x)), small)
 
     def scaled(self, factor: float, lanes: int) -> Term:
-        """Return the scale times a number, in every entry; the scale is a power of two, so that this is exact."""
+        """Return the scale times a number, in every entry. The scale is a power of two, so that this is exact."""
         if (factor, lanes) not in self.shares:
             single = self.scale if factor == 1.0 else self.scale * factor
             if lanes > 1:
@@ -175,22 +170,22 @@ class WrittenJet(JetBuilder):
         return self.shares[factor, lanes]
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
         return self.scale if self.k == 1 else None
 
     def part(self, x: Term) -> Term:
-        """Return x / k; see `At`."""
+        """Return x / k, where k is the order."""
         high, low = reciprocal(self.k)
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
 
 class _WrittenAt(ChunkAt):
-    """Source of the coefficients of one chunk, at an order that is printed without a loop; see `At`."""
+    """Source of a chunk's coefficients for its rule, at an order that is printed without a loop."""
 
     series: WrittenJet
 
     def total(self, which: int) -> Term:
-        """Return the sum over 0 < j < k, once for each order, the oldest coefficients first."""
+        """Return sum number `which` over 0 < j < k, from the oldest coefficients on. It is built once at each order."""
         key = self.chunk, which, self.series.k
         if key not in self.series.totals:
             self.series.totals[key] = self.summed(*self.chunk.sums[which])
@@ -208,7 +203,7 @@ class _WrittenAt(ChunkAt):
         return fma(p, middle, middle, total) if k % 2 == 0 else total
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
-        """Return the sum of a[j] b[k-j] over some j; see `PART`."""
+        """Return the sum of a[j] b[k-j] over the orders j in `pairs`, in parts of `PART` products."""
         k, p = self.series.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
@@ -221,6 +216,6 @@ class _WrittenAt(ChunkAt):
 
 
 def reciprocal(k: int) -> tuple[float, float]:
-    """Return 1 / k as the sum of two doubles."""
+    """Return 1 / k as a pair of doubles, whose sum is accurate to twice the digits."""
     high = 1.0 / k
     return high, float(Fraction(1, k) - Fraction(high))

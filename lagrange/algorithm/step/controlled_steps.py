@@ -35,7 +35,7 @@ from lagrange.program.step import Control
 
 
 def steps_of(layout: Layout) -> Procedure:
-    """Return the loop over the steps of a step program."""
+    """Return the procedure that loops over the steps of a step program."""
     control = layout.step.control
     return equal_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
 
@@ -44,10 +44,9 @@ def steps_of(layout: Layout) -> Procedure:
 def controlled_steps(
     given: Running, budget: int, times: Out, rows: Out, *, layout: Layout, control: Control
 ) -> Outcome:
-    """Take steps that follow the error, and return an outcome.
+    """Take steps with error control, and return an outcome: at the end, after `budget` trials, or on failure.
 
-    It returns at the end, after `budget` trials, or when no step succeeds. An accepted step becomes the state, and a
-    row. A rejected one is tried again with a shorter length.
+    An accepted step becomes the state, and a row. A rejected step is repeated with a shorter length.
     """
     run, counts = given.run, given.counts
     discard_history(given, layout)
@@ -68,7 +67,7 @@ def controlled_steps(
         if is_small and (not is_last or is_retry):
             return Outcome.STEP_TOO_SMALL
         after = end if is_last else t + h
-        # Far from time zero a step is a difference of times; elsewhere it is h, so that a matrix serves again.
+        # Far from time zero a step is a difference of times. Elsewhere it is h, so that a matrix can be reused.
         length = after - t if is_last or abs(h) < abs(t) * FAR_FROM_ZERO else h
         outcome = try_step(given, t, length, entries, layout=layout)
         if is_finite(given, layout, errors=True) and outcome == Outcome.DONE:
@@ -101,7 +100,7 @@ def controlled_steps(
 
 @inline
 def begin(given: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
-    """Choose the length of the first step; return False if the sizes of the entries are needed first."""
+    """Choose the length of the first step. Return False if the sizes of the entries must be estimated first."""
     size = first_step(given, distance, direction, layout=layout, control=control)
     if LAWS[layout.step.law].results == 1:
         given.counts.evaluations += 3
@@ -112,9 +111,9 @@ def begin(given: Running, distance: float, direction: float, layout: Layout, con
 
 @inline
 def growth(factor: float, previous: float, is_retry: bool, control: Control) -> float:
-    """Return the factor of the step length after an accepted step: `factor` by its error, within bounds.
+    """Return the factor of the step length after an accepted step: the given `factor`, within bounds.
 
-    `previous` is the error norm of the step before. A step that has just been rejected is not made longer.
+    `previous` is the error norm of the previous step. A step that has just been rejected is not made longer.
     """
     longer = factor * previous**control.memory if control.memory else factor
     longer = larger(smaller(longer, 1.0 if is_retry else control.most), control.least)
@@ -127,9 +126,9 @@ def growth(factor: float, previous: float, is_retry: bool, control: Control) -> 
 def project_within_tolerance(
     given: Running, after: float, entries: Out | None, layout: Layout, control: Control
 ) -> tuple[Outcome, bool]:
-    """Move the trial state onto the constraints of the system, and say whether it has moved.
+    """Project the trial state onto the constraints. Return an outcome, and True if the state has moved.
 
-    The outcome is STEP_TOO_SMALL if the displacement is too large against the tolerance of the step.
+    The outcome is STEP_TOO_SMALL if the displacement is too large for the tolerance of the step.
     """
     outcome, moved = project_new_state(given, after, entries, layout)
     correction = 0.0
@@ -143,7 +142,7 @@ def project_within_tolerance(
 
 @inline
 def accept(given: Running, norm: float, h: float, layout: Layout) -> None:
-    """Note the error norm of the step that is accepted, and the length of the next one; raise the floors."""
+    """Store the error norm of the accepted step, and the length of the next one. Raise the floors."""
     given.run.previous = larger(norm, LEAST_PREVIOUS)
     given.run.h = h
     given.counts.after_reject = 0

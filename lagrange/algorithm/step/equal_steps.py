@@ -11,15 +11,14 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, fma, reals, unrolled
 
 UNROLLED_TEST = 2
-"""The test for finite entries is written out for vectors of up to this many blocks."""
+"""Largest number of blocks of a vector for which the test for finite entries is written out."""
 
 
 @procedure(given=running, rows=rows_array)
 def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
-    """Take equal steps towards the end, and return an outcome.
+    """Take equal steps, and return an outcome: at the end, after `budget` steps, or on failure.
 
-    It returns at the end, after `budget` steps, or when a step fails. Time k of the grid is `start + k*h`, rounded
-    once, so that errors of the times do not add up.
+    Time k of the grid is `start + k*h`, rounded once, so that errors of the times do not add up.
     """
     run, counts = given.run, given.counts
     discard_history(given, layout)
@@ -50,7 +49,7 @@ def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: L
 
 @inline
 def discard_history(given: Running, layout: Layout) -> None:
-    """Clear the data of previous steps if it belongs to another run. A starter rebuilds its own at every step."""
+    """Clear the data of previous steps if they belong to another run. A starter rebuilds its data at every step."""
     if layout.keeps_history:
         work = given.work
         if given.counts.kept == 0:
@@ -66,7 +65,7 @@ def discard_history(given: Running, layout: Layout) -> None:
 
 @inline
 def clear(newton: Newton) -> None:
-    """Set all data that a solve keeps to zero."""
+    """Set all data that a solve keeps from step to step to zero."""
     newton.matrix_step = 0.0
     newton.differentiated = 0
     newton.rate = 0.0
@@ -81,7 +80,7 @@ def clear(newton: Newton) -> None:
 
 @inline
 def kept_entries(given: Running, layout: Layout) -> Out | None:
-    """Return the array of the entries of the state, read from the work array, if they are kept in registers."""
+    """Return an array with the entries of the state, if they are kept in registers; else None."""
     if not layout.keeps_entries:
         return None
     entries = reals(2 * layout.dimension)
@@ -93,9 +92,9 @@ def kept_entries(given: Running, layout: Layout) -> Out | None:
 
 @inline
 def is_finite(given: Running, layout: Layout, *, errors: bool) -> bool:
-    """Return True if the new state is finite, and with `errors` also its error vectors.
+    """Return True if the new state is finite, and with `errors` its error vectors, too.
 
-    The test is 0 * x, which is NaN if x is not finite.
+    The test uses 0 * x, which is NaN if x is not finite.
     """
     new, total = given.work[layout.place(layout.new) :], 0.0
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)

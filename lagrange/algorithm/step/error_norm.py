@@ -23,7 +23,10 @@ from lagrange.program.step import Control
 
 @procedure(given=running)
 def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
-    """Return the error of the trial step against its tolerances; with two error vectors, the norm of DOP853."""
+    """Return the error norm of the trial step, relative to its tolerances.
+
+    Two error vectors give the norm of DOP853.
+    """
     rtol, floors, work, squares, others = given.run.rtol, given.floors, given.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
         old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
@@ -50,11 +53,11 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
 
 @procedure(apart=True, given=running)
 def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Reject a step, set the length of its repetition, and return True if the sizes of the entries must be surveyed.
+    """Reject a step and shorten it; return True if the sizes of the entries must be estimated.
 
-    They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
-    state, an entry that it left at zero does not count. They are also asked for at the first, second, fourth, eighth,
-    ... rejection if the entry with the largest error may be the rounding of larger ones; see `ROUNDED`.
+    They are needed after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
+    state, an entry that stayed zero does not count. They are also needed at the first, second, fourth, eighth, ...
+    rejection if the entry with the largest error may be the rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = given.run, given.counts, given.floors, given.work
     run.cause = cause
@@ -81,10 +84,10 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Return True if the largest error of a trial is that of an entry that may be rounding; see `ROUNDED`."""
+    """Return True if the largest error of a trial is that of an entry that may be rounding, as defined at `ROUNDED`."""
     states, half = layout.step.states, layout.dimension // 2
     rounded, others = 0.0, 0.0
-    # Coordinates and velocities have units of their own.
+    # Coordinates and velocities have different units.
     for kind in unrolled(2):
         state, begin = (0, kind * half) if states == 1 else (kind, 0)
         old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
@@ -106,7 +109,7 @@ def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> boo
 
 @inline
 def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
-    """Raise the floors to their share of the new state."""
+    """Raise the floors to `share` times the size of the new state."""
     single = layout.step.states == 1
     for state in unrolled(layout.step.states):
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]

@@ -1,10 +1,10 @@
 """The length of the first step, from the change of slopes over a short trial step.
 
-The jerk divided by the velocity is the square of a rate, in any units of the entries and of time and for any origin of
-the coordinates. If it is not defined, the acceleration divided by the coordinate is used, or the one divided by the
-velocity, squared. The size of an entry is at least the size whose tolerance is its floor. If floors follow the scale,
-the floor of an entry that is zero begins at what the step adds to it. An acceleration that may be round-off of
-cancelling terms, as at an equilibrium, is replaced by its sensitivity to the coordinate.
+The jerk divided by the velocity is the square of a rate, in any units of the entries and for any origin of time and
+coordinates. If it is not defined, the rate comes from the acceleration divided by the coordinate, or from the square of
+the acceleration divided by the velocity. The size of an entry is at least that for which the tolerance equals its
+floor. If floors follow the scale, the floor of an entry that is zero begins at its change in the step. An acceleration
+that may be rounding of cancelling terms, as at an equilibrium, is replaced by its sensitivity to the coordinate.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 
 NEEDS_SIZES = -1.0
-"""The result if the caller has to estimate the sizes of the entries first."""
+"""Result if the caller has to estimate the sizes of the entries first."""
 
 
 @procedure(apart=True, given=running)
 def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
-    """Return the size of a first step within a span, from three slopes; see `NEEDS_SIZES`.
+    """Return the length of the first step within a span, from three slopes, or NEEDS_SIZES.
 
-    A law without slopes, as that of momenta, gives a fraction of the span: errors of the steps show the rest.
+    For a law without slopes, such as that of momenta, it is a fraction of the span. The errors of the steps then
+    correct it.
     """
     run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
     t, follows = run.t, run.share > 0.0
@@ -49,7 +50,7 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
         if follows and given.counts.surveyed == 0:
             return NEEDS_SIZES
         return smaller(larger(DEFAULT_FIRST * span, least), span)
-    # Vectors of the step that are free before its first trial; `later` are slopes after an Euler step.
+    # Vectors of the step that are unused before its first trial. `later` are slopes after an Euler step.
     y, argument, result = work[0:], work[layout.argument :], work[layout.result :]
     slope, later = work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
     sensitivity = work[layout.place(layout.new) :]
@@ -100,7 +101,7 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
 
 @inline
 def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
-    """Evaluate the right-hand side at a state, in whole blocks; return whether a matrix is singular."""
+    """Evaluate the right-hand side at a state, in whole blocks. Return True if a matrix is singular."""
     n = layout.dimension
     if not layout.in_registers:
         result = given.work[layout.result :]
@@ -119,13 +120,13 @@ def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
 
 @inline
 def size(y: In, floors: In, rtol: float, i: int) -> float:
-    """Return the size of an entry, with its floor."""
+    """Return the size of entry i, at least that of its floor."""
     return abs(y[i]) + floors[i] / rtol
 
 
 @inline
 def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
-    """Return the rate that gives the trial length, from accelerations alone."""
+    """Return the rate (1 / time) that determines the trial length, from accelerations alone."""
     rate = 0.0
     for i in range(half):
         force, place, speed = abs(slope[i + half]), size(y, floors, rtol, i), size(y, floors, rtol, i + half)
@@ -136,7 +137,7 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
 
 @inline
 def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
-    """Let the floors of entries that are zero begin at what a step of h adds by its slopes."""
+    """Set the floors of entries that are zero to their change over a step of length h, by their slopes."""
     work, floors = given.work, given.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
     factor = larger(given.run.share, LEAST_FIRST) * h
@@ -150,7 +151,7 @@ def first_floors(given: Running, h: float, longer: float, layout: Layout) -> Non
 
 @inline
 def noise_floors(floors: Out, sensitivity: In, period: float, half: int) -> None:
-    """Raise the floors above the round-off of accelerations that cancel, over a period."""
+    """Raise the floors above the rounding of accelerations that cancel, over a period."""
     for i in range(half):
         below = i + half
         noise = period * SLOPE_NOISE * sensitivity[below]

@@ -1,7 +1,7 @@
-"""Whole integrators for exports, by explicit methods: a procedure for one step, and one for a run to an end time.
+"""Whole integrators by explicit methods, for exports: a procedure for one step, and one for a run to an end time.
 
-They call the same procedures as the drivers of this package. `law` and `projection` are functions that they take, to be
-bound; see `lagrange.procedure.rewrite`.
+They call the same procedures as the drivers of this package. `law` and `projection` are function parameters, which
+`lagrange.procedure.rewrite` binds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from lagrange.program.step import Control
 
 @dataclass(frozen=True)
 class SystemFunctions:
-    """The functions of a system: the right-hand side, its derivative, and the corrections of constraints or None."""
+    """The functions of a system: the right-hand side, its derivative, and the corrections of constraints (or None)."""
 
     law: Callable[..., Any]
     jacobian: Callable[..., Any]
@@ -34,13 +34,13 @@ class SystemFunctions:
 
 
 def functions_of(layout: Layout) -> Bundle:
-    """Return the type of the functions of a system."""
+    """Return the type of a `SystemFunctions` parameter of a procedure."""
     projection = CORRECTIONS if layout.projected else None
     return Bundle(SystemFunctions, {"law": FUNCTION, "jacobian": FUNCTION, "projection": projection})
 
 
 def state_array(layout: Layout) -> Array:
-    """Return the type of the state [q, v]."""
+    """Return the type of a parameter that is the state [q, v]."""
     return Array(size=layout.dimension)
 
 
@@ -48,7 +48,8 @@ def state_array(layout: Layout) -> Array:
 def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
     """Replace y by the state after a step of length h from t, and return an outcome.
 
-    The state is replaced if the new one is finite, and the state and its projection are on the constraints.
+    It is replaced only if the new state is finite, and if the old and the new one are on the constraints after
+    projection.
     """
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):
@@ -57,7 +58,7 @@ def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: 
     work = given.work
     new = work[layout.place(layout.new) :]
     if layout.step.law == "accelerations":
-        # The law reads velocities, and a step of coordinates alone has none.
+        # The law reads velocities, but a step with coordinates alone has none.
         velocities = layout.argument + layout.length
         work[velocities : velocities + layout.length] = 0.0
     outcome = take_step(given, t, h, slope_known=False, entries=None, layout=layout)
@@ -80,7 +81,7 @@ def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: 
 
 @inline
 def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
-    """Return whether a state is off the constraints: it would start another motion."""
+    """Return True if a state is too far from the constraints: its projection would start another motion."""
     return of.projection is not None and not starts_on_constraints(
         of.projection, p, t, y, dimension=n, relations=relations
     )
@@ -88,7 +89,7 @@ def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, rel
 
 @inline
 def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
-    """Return the arguments of steps from a state. In blocks of one number its vectors follow each other."""
+    """Return the arguments of steps that start from a state. With blocks of one number its vectors are adjacent."""
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
     numbers = None if of.projection is None else p
@@ -110,9 +111,10 @@ def adaptive_run(
     control: Control,
     relations: bool,
 ) -> Outcome:
-    """Run from y at t[0] to t_end; both become those where it ends. Return an outcome.
+    """Run from y at t[0] to t_end, and return an outcome. t[0] and y become the time and state at its end.
 
-    An entry may err by rtol times its size + atol at a step. The outcome is PAUSED after `max_steps` trials.
+    The error of an entry per step is at most rtol times its size + atol. The outcome is PAUSED after `max_steps`
+    trials.
     """
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):

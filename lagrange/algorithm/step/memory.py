@@ -1,6 +1,6 @@
 """Memory layout of a step: its vectors in one array, followed by the data of its solves.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks; on other machines a block has one number.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Effort:
     """Record of the cost of a step."""
 
     evaluations: int
-    """Evaluations of the law."""
+    """Number of evaluations of the law."""
 
     residual: float
-    """Size of the last correction relative to the unknown."""
+    """Size of the last correction, relative to the unknowns."""
 
 
 @record
@@ -35,22 +35,22 @@ class Newton:
     """The state of a solve, kept from step to step."""
 
     matrix_step: float
-    """Length of the steps that its matrix was built for; 0 if the next step builds a new one."""
+    """Length of the steps for which its matrix was built; 0 if the next step builds a new one."""
 
     differentiated: int
-    """1 if the derivative of the law can be used for the next matrix."""
+    """1 if the stored derivative of the law is valid for the next matrix."""
 
     rate: float
     """Contraction rate of the corrections."""
 
     noise: float
-    """Size of corrections that are round-off, in units of the estimated round-off."""
+    """Size of corrections at rounding level, in units of the estimated rounding."""
 
     age: int
     """Number of steps since the matrix was built."""
 
     solved: int
-    """1 if the trial step has its unknowns."""
+    """1 if the unknowns of the trial step are computed."""
 
     tried_step: float
     """Length of the trial step."""
@@ -59,10 +59,10 @@ class Newton:
     """Length of the previous step."""
 
     known: int
-    """Number of steps available for extrapolation."""
+    """Number of previous steps from which the unknowns can be extrapolated."""
 
     order: int
-    """Number of steps that is used for extrapolation."""
+    """Number of previous steps from which the unknowns are extrapolated."""
 
 
 EFFORT, NEWTON = form_of(Effort), form_of(Newton)
@@ -70,15 +70,15 @@ EFFORT, NEWTON = form_of(Effort), form_of(Newton)
 
 
 def work_array(layout: Layout) -> Array:
-    """Return the type of the parameter with the vectors of a step and the data of its solves."""
+    """Return the type of a parameter that has the vectors of a step and the data of its solves."""
     return Array(size=layout.size, room=layout.block)
 
 
 class Layout:
     """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
 
-    A step is `alone` if it is not the starter of another. The law has its numbers `in_registers` or in arrays. With
-    `projected` the new state is moved onto the constraints of the system before it is accepted.
+    A step is `alone` if it is not the starter of another step. The numbers of the law are `in_registers` or in arrays.
+    With `projected` the new state is moved onto the constraints before it is accepted.
     """
 
     def __init__(
@@ -100,16 +100,16 @@ class Layout:
         """The shape of the derivative of the law: by results, and by arguments."""
         self.width = whole_blocks(self.length, block)
         self.keeps_history = bool(step.solves) or step.starter is not None
-        """True if steps use data of those before: data that a solve keeps, or the state one step back."""
+        """True if steps use data of previous steps: data of a solve, or the state one step before."""
         self.keeps_entries = in_registers and alone and not self.keeps_history
-        """True if the state is also kept as single numbers, which LLVM holds in registers."""
+        """True if the state is also passed as single numbers, which LLVM keeps in registers."""
         self.vectors = step.vectors
         self.new = self.vectors
         self.errors = self.new + step.states
         self.argument = (self.errors + len(step.errors)) * self.width
         self.result = self.argument + max(2 * dimension, self.columns) + 2 * block
         self.flags = whole_blocks(self.result + max(2 * dimension, self.rows) + 2 * block, block)
-        """Index of two flags of the driver: the state one step back is known; the trial step provides it."""
+        """Index of two flags of the driver: the state one step before is known; the trial step provides it."""
         self.effort = self.flags + 2
         end = whole_blocks(self.effort + len(EFFORT.fields), block)
         self.solves: list[SolveLayout] = []
@@ -118,9 +118,9 @@ class Layout:
             self.solves.append(SolveLayout(self, end, i, solve, damped))
             end = self.solves[-1].end
         self.lost = end
-        """Index of the rounding error of each state vector, followed by those of the trial step."""
+        """Offset of the rounding error of each state vector, followed by those of the trial step."""
         self.end = end + (2 * step.states * self.width if step.exact else 0)
-        """Index of the vectors of the starter, if there is one."""
+        """Offset of the vectors of the starter, if there is one."""
         self.starting: Layout = self
         self.size = self.end
         if step.starter is not None:
@@ -139,11 +139,11 @@ class Layout:
 
 
 class SolveLayout:
-    """Offsets of the data of one solve in the work array, from `start`: record, vectors of unknowns, and matrices.
+    """Offsets of the data of one solve in the work array, from `start` on: record, vectors of unknowns, and matrices.
 
-    A vector of unknowns is `count` padded vectors long. The matrices are the negative inverse of the Newton matrix and
-    those that damp, by columns of that length; the derivative of the law by columns; and room for a matrix to
-    be inverted, by rows `stride` apart.
+    A vector of unknowns has `count` padded vectors. The matrices are the negative inverse of the Newton matrix and the
+    damping matrices, by columns of that length; the derivative of the law, by columns; and space for a matrix to be
+    inverted, by rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
@@ -171,17 +171,17 @@ class SolveLayout:
         self.end = self.pivots + 3 * row_stride(max(self.unknowns, layout.dimension))
 
     def damper(self, damp: Damp) -> int:
-        """Return the offset of the matrix of a damping."""
+        """Return the offset of the matrix of a damped vector."""
         return self.dampers + self.damped.index(damp) * self.length * self.width
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The data of Newton's method for one solve of m numbers, read from the work array.
+    """The data of Newton's method for a solve with m unknown numbers, read from the work array.
 
-    `inverse` (m, m) is that of the derivative of the residuals by the unknowns, for steps of length `step`; 0 means
-    that the next step builds a new one. `derivative` is that of the law, by results and arguments. `dampers` are the
-    damping matrices, (2n, 2n) each; `weights` (m,) are those of the corrections.
+    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length `step`; at 0
+    the next step builds a new one. `derivative` is that of the law, by results and arguments. `dampers` are the damping
+    matrices, (2n, 2n) each. `weights` (m,) are those of the corrections.
     """
 
     step: float
@@ -195,7 +195,7 @@ def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[n
     """Return the data of a solve, read from the work array of its steps."""
 
     def columns(place: int, vectors: int) -> NDArray[np.float64]:
-        """Return the square matrix that is stored by columns of this many padded vectors."""
+        """Return the square matrix that is stored from `place` on, by columns of `vectors` padded vectors."""
         order = vectors * solve.length
         padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
         return np.array(padded[:, :, : solve.length].reshape(order, order).T)

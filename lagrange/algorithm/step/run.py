@@ -1,4 +1,4 @@
-"""The arguments of procedures that take steps, and the state of a run: the entries of `DriverState`, in its order."""
+"""The arguments of procedures that take steps, and the state of a run, in the order of the entries of `DriverState`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lagrange.procedure.front.vocabulary import In, Out, form_of, record
 from lagrange.program.actions import LAWS
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A function between arrays: of a time, a state and prepared numbers, to its results.
-
-It returns whether it is undefined; a law is so where a matrix is singular."""
+"""A function between arrays: from a time, a state and prepared numbers to its results. It returns True if it is
+undefined; a law is undefined if a matrix is singular.
+"""
 
 
 @record
@@ -30,13 +30,14 @@ class Run:
     """Time at which the run ends."""
 
     h: float
-    """Length of the next step, signed; 0 if it is to be chosen."""
+    """Length of the next step, signed; 0 if it has to be chosen."""
 
     rtol: float
-    """Relative tolerance of an entry of the state in a step."""
+    """Relative tolerance of an entry of the state, in a step."""
 
     share: float
-    """Share of its size to which an accepted step raises the floor of an entry; 0 if floors are stated."""
+    """Fraction of its size to which an accepted step raises the floor of an entry; 0 for floors that the user states.
+    """
 
     previous: float
     """Error norm of the previous step, for step control."""
@@ -51,10 +52,10 @@ class Run:
     """The `Outcome` for which the last trial was rejected."""
 
     longest: float
-    """Bound on the length of all steps, a size."""
+    """Largest length of all steps, without sign."""
 
     residual: float
-    """Size of the last correction of an implicit step relative to its unknowns."""
+    """Size of the last correction of an implicit step, relative to its unknowns."""
 
 
 @record
@@ -80,10 +81,10 @@ class Counts:
     """1 if accepted states are written as rows."""
 
     after_reject: int
-    """Rejected trials in a row before this one."""
+    """Number of rejected trials directly before this one."""
 
     kept: int
-    """0 if nothing that a driver has kept from former steps belongs to this run."""
+    """0 if the data that a driver has stored belong to another run."""
 
     surveyed: int
     """Number of times that the run has returned as UNSCALED."""
@@ -94,7 +95,7 @@ RUN, COUNTS = form_of(Run), form_of(Counts)
 
 
 def law_type(layout: Layout) -> Callee:
-    """Return the type of the law. In registers it takes and returns numbers, and whether a matrix is singular."""
+    """Return the type of the law. In registers it takes and returns numbers, and the flag of a singular matrix."""
     results = LAWS[layout.step.law].results * (layout.dimension // 2)
     by_number = Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
     return by_number if layout.in_registers else FUNCTION
@@ -128,14 +129,14 @@ class Running:
     """The vectors of the step and the data of its solves; see `Layout`."""
 
     projection: Any
-    """The corrections of constraints, None without constraints."""
+    """The corrections of constraints; None without constraints."""
 
     projection_numbers: Any
     """The parameters of the projection."""
 
 
 def running(layout: Layout) -> Bundle:
-    """Return the type of the arguments of a run."""
+    """Return the type of a `Running` parameter of a procedure."""
     newton = form_of(Newton)
     starters = len(layout.starting.solves) if layout.step.starter is not None else 0
     types: dict[str, Stated] = {

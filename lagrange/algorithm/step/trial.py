@@ -19,7 +19,7 @@ from lagrange.program.actions import Damp, Solve
 
 
 def entries_array(layout: Layout) -> Array | None:
-    """Return the type of the array of the entries of the state and of the new state, None if they are not kept."""
+    """Return the type of an array with the entries of the state and of the new state, or None if they are not kept."""
     return Array(size=2 * layout.dimension) if layout.keeps_entries else None
 
 
@@ -30,7 +30,10 @@ def rows_array(layout: Layout) -> Array:
 
 @procedure(given=running, entries=entries_array)
 def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout) -> Outcome:
-    """Try a step, and return an outcome; the slope at its start may be known."""
+    """Compute a trial step, and return an outcome.
+
+    `slope_known` is true if the slope at its start is stored already.
+    """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
     vectors = vectors_of(given, t, h, layout, step.calls, combinations, state=entries)
@@ -67,7 +70,7 @@ def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Ou
 
 @inline
 def damp(vectors: StepVectors, action: Damp) -> None:
-    """Write (I - factor J)^-1 times a vector."""
+    """Write the vector (I - factor J)^-1 x of a damping action."""
     layout, work = vectors.layout, vectors.given.work
     solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
     vectors.combine(action.vector, work[solve.residual :])
@@ -78,7 +81,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 
 @inline
 def add_compensated(vectors: StepVectors, state: int) -> None:
-    """Write a new state as the compensated sum of the old state and what the step adds."""
+    """Write a new state vector as the compensated sum of the old state and its increment."""
     layout, work, step = vectors.layout, vectors.given.work, vectors.layout.step
     one = state, step.graph.one
     added = vectors.terms(tuple([term for term in step.results[state] if term != one]))
@@ -93,7 +96,7 @@ def add_compensated(vectors: StepVectors, state: int) -> None:
 def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
     """Try a step of a run, count its evaluations, and return an outcome.
 
-    The starter takes it if the state one step back is not known.
+    The starter takes the step if the state one step before is not known.
     """
     step, counts, effort = layout.step, given.counts, given.effort
     if layout.keeps_history:
@@ -103,7 +106,7 @@ def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout:
         counts.evaluations += len(step.calls) - int(known) if step.starts_with_slope else len(step.calls)
         outcome = take_step(given, t, h, known, entries, layout=layout)
     else:
-        # A step from two states needs them at the distance of this one.
+        # A step from two states needs both at a distance equal to its length.
         equal = h == given.run.step
         given.work[layout.flags + 1] = float(equal)
         if equal and given.work[layout.flags] == 1.0:
@@ -122,7 +125,7 @@ def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout:
 
 @inline
 def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Outcome:
-    """Take a step of the starter, in its own memory, and return the outcome."""
+    """Take a step of the starter, in the starter's memory, and return the outcome."""
     work, starting, width = given.work, layout.starting, layout.width
     memory = work[layout.end :]
     for i in unrolled(layout.step.states):
@@ -136,9 +139,9 @@ def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Ou
 
 @inline
 def project_new_state(given: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
-    """Project the new state onto the constraints; return an outcome, and True if the state has moved.
+    """Project the new state onto the constraints. Return an outcome, and True if the state has moved.
 
-    If it has, its displacement is written to the error vectors of the step.
+    If it has moved, its displacement is written to the error vectors of the step.
     """
     n, length, work = layout.dimension, layout.length, given.work
     state, lost = work[layout.argument :], reals(n, room=layout.block)
@@ -169,7 +172,7 @@ def project_new_state(given: Running, t: float, entries: Out | None, layout: Lay
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each state vector its index in the state, its offset, and the offset of its rounding error."""
+    """Return for each state vector its index in the state, its offset, and that of its rounding error, if any."""
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
     return [
@@ -187,9 +190,9 @@ def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
 def accept_step(
     given: Running, entries: Out | None, moved: bool | None, t: float, times: Out, rows: Out, *, layout: Layout
 ) -> None:
-    """Make the trial step the state at a time, and a row where rows are kept.
+    """Set the state to the trial step's, at time t, and add a row if rows are recorded.
 
-    If the projection has `moved` the state, the slope at the end of the step is not that of the state.
+    If the projection has `moved` the state, the slope at the end of the step is not valid.
     """
     step, width, work, counts = layout.step, layout.width, given.work, given.counts
     given.run.t = t

@@ -1,6 +1,6 @@
 """Vectors of a step in the work array: their linear combinations, and evaluations of the law.
 
-A combination is computed entry by entry, in whole blocks; the entries beyond the end of a vector are arbitrary.
+A combination is computed entry by entry, in whole blocks. Entries beyond the end of a vector are arbitrary.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from lagrange.program.actions import LAWS, Combination, LawCall, in_doubles, par
 from lagrange.program.program import Program
 
 Registers = Mapping[int, Sequence[float]]
-"""The entries of vectors that have just been computed, by number. Reading them from memory takes some cycles."""
+"""Entries of vectors that have just been computed, by number of the vector. Reading them from memory would take some
+cycles.
+"""
 
 NO_REGISTERS: Registers = {}
-"""Registers before any evaluation: no vector is in them."""
+"""Registers before any evaluation: empty."""
 
 
 @inline
@@ -37,10 +39,10 @@ def vectors_of(
     ratio: float = 1.0,
     state: Out | None = None,
 ) -> StepVectors:
-    """Return the vectors of a step with the numbers that calls and combinations contain, and `nodes`.
+    """Return the vectors of a step, with the coefficients in calls and combinations, and `nodes`.
 
-    Numbers depend on t, h and the `ratio` of h to the step before. `state` has the entries of the state, if they are
-    kept in registers.
+    Coefficients depend on t, h and the `ratio` of h to the previous step. `state` has the entries of the state, if they
+    are kept in registers.
     """
     combined = [*[argument for call in calls for argument in call.arguments], *combinations]
     factors = [factor for combination in combined for _, factor in combination]
@@ -68,10 +70,7 @@ def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]
 
 @inline
 def plus(total: float | None, factor: float | None, value: float) -> float:
-    """Return total + factor * value, rounded once.
-
-    A total of None means zero, and a factor of None means one.
-    """
+    """Return total + factor * value, rounded once. A total of None is zero, and a factor of None is one."""
     if total is None:
         return value if factor is None else factor * value
     return total + value if factor is None else fma(factor, value, total)
@@ -86,7 +85,7 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 
 @dataclass(frozen=True)
 class StepVectors:
-    """The vectors of a step, and the numbers that they are multiplied by; see `vectors_of`."""
+    """The vectors of a step, and the coefficients by which they are multiplied."""
 
     given: Running
     layout: Layout
@@ -96,18 +95,18 @@ class StepVectors:
 
     @inline
     def at(self, vector: int) -> Out:
-        """Return a vector."""
+        """Return the vector with a number."""
         return self.given.work[self.layout.place(vector) :]
 
     @inline
     def factor(self, node: Node, *, size: bool = False) -> float | None:
-        """Return a coefficient or its magnitude, None for one."""
+        """Return the value of a coefficient, or its magnitude if `size`; None for a coefficient of one."""
         is_one = node is self.layout.step.graph.one
         return None if is_one else abs(self.numbers[node]) if size else self.numbers[node]
 
     @inline
     def terms(self, combination: Combination, *, sizes: bool = False) -> Terms:
-        """Return the terms of a combination, or those of the sum of their sizes; terms of factor one are first."""
+        """Return the terms of a combination, or with `sizes` their magnitudes. Terms with factor one are first."""
         step, one = self.layout.step, self.layout.step.graph.one
         plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
         ordered = [*[term for term in plain if term[1] is one], *[term for term in plain if term[1] is not one]]
@@ -120,14 +119,14 @@ class StepVectors:
 
     @inline
     def combine(self, combination: Combination, target: Out, *, sizes: bool = False) -> None:
-        """Write a combination, or the sum of the sizes of its terms."""
+        """Write a combination, or with `sizes` the sum of the magnitudes of its terms."""
         terms = self.terms(combination, sizes=sizes)
         for i in each(self.layout.width, spill=True, disjoint=True):
             target[i] = terms.entry(i)
 
     @inline
     def arguments(self, call: LawCall) -> Out:
-        """Write the arguments of a call one after the other, and return them."""
+        """Write the arguments of a call one after the other, and return the array."""
         arguments = self.given.work[self.layout.argument :]
         for i, argument in enumerate(call.arguments):
             self.combine(argument, arguments[i * self.layout.length :])
@@ -135,7 +134,7 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law and keep its results as vectors; return whether a matrix is singular, and the results."""
+        """Evaluate the law and store its results as vectors. Return True if a matrix is singular, and the results."""
         layout, given, law = self.layout, self.given, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
         if layout.in_registers:
@@ -159,7 +158,7 @@ class StepVectors:
 
     @inline
     def evaluate_all(self, calls: Sequence[LawCall]) -> bool:
-        """Evaluate the law for calls that do not depend on each other; return whether a matrix is singular."""
+        """Evaluate the law for calls that do not depend on each other. Return True if a matrix is singular."""
         is_singular = False
         for call in calls:
             failed, _ = self.evaluate(call)
@@ -186,7 +185,7 @@ class StepVectors:
 
     @inline
     def loaded(self, combination: Combination) -> Sequence[float]:
-        """Return the entries of a combination from memory; one that is not a single vector is computed in blocks."""
+        """Return the entries of a combination, read from memory. A sum of several vectors is computed in blocks."""
         layout = self.layout
         if len(combination) != 1 or combination[0][1] is not layout.step.graph.one:
             source = reals(layout.width, room=layout.block)
@@ -208,20 +207,20 @@ class StepVectors:
 
 @dataclass(frozen=True)
 class Terms:
-    """The terms of a linear combination: vectors with factors, and vectors that h multiplies as one sum.
+    """The terms of a linear combination: vectors with factors, and vectors whose sum is multiplied by h.
 
-    For a step that keeps its rounding errors random (Brouwer's law), the factors of that sum are pairs of doubles.
+    In a step whose rounding errors must be random (Brouwer's law), the factors of that sum are pairs of doubles.
     """
 
     plain: Sequence[tuple[In, float | None]]
     scaled: Sequence[tuple[In, tuple[float, float]]]
     h: float
     sizes: bool
-    """True if the sizes of entries are added."""
+    """True if the magnitudes of terms are added."""
 
     @inline
     def entry(self, i: int) -> float:
-        """Return an entry of the combination."""
+        """Return entry i of the combination."""
         total, high, low = None, None, None
         for vector, factor in self.plain:
             total = plus(total, factor, abs(vector[i]) if self.sizes else vector[i])

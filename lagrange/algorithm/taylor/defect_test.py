@@ -1,7 +1,7 @@
 """The defect test of a Taylor step: at its end the derivative of its series must agree with the equations.
 
-A step is recorded when the series of the next step confirms it. Otherwise the run returns to the beginning of the step
-and tries a shorter one. Functions with powers above the order of the series are compared with their series as well.
+A step is recorded when the series of the next step confirms it. Otherwise the run returns to the start of the step and
+tries a shorter one. Functions with powers above the order of the series are also compared with their series.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, magn
 
 @procedure(weights=weights_type, work=work_type)
 def defect_is_small(length: float, order: int, first: int, weights: In, work: Out, *, layout: TaylorLayout) -> bool:
-    """Return whether the stored derivative agrees with the first coefficients of some rows.
+    """Return True if the stored derivative agrees with the first coefficients of rows, within the bound of the defect.
 
     `length` is the length of the step in units of the scale.
     """
@@ -54,13 +54,13 @@ def defect_is_small(length: float, order: int, first: int, weights: In, work: Ou
 
 @inline
 def retries_exhausted(taylor: TaylorState) -> bool:
-    """Return whether the retry limit is reached: a shorter step would be lost in round-off."""
+    """Return True if the retry limit is reached: a shorter step would be lost in rounding."""
     return taylor.failures >= MOST_FAILURES
 
 
 @procedure(apart=True)
 def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
-    """Prepare a shorter step, with a new inspection of the event functions."""
+    """Set a shorter step, and request a new inspection of the event functions."""
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
     taylor.failures += 1
@@ -70,7 +70,7 @@ def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
 
 @procedure(apart=True, work=work_type)
 def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
-    """Return to the beginning of the last step."""
+    """Return to the start of the last step."""
     kept, size = work[layout.held :], 2 * layout.padded
     for i in each(size, width=layout.block, spill=True, disjoint=True):
         work[i] = kept[i]
@@ -92,7 +92,7 @@ def record_step(
     *,
     layout: TaylorLayout,
 ) -> None:
-    """Count and record a step that passed the defect test; after failures the next step at most doubles."""
+    """Count and record a step that passed the defect test. After failures the next step is at most twice as long."""
     length, limit, is_exhausted = abs(held.h), taylor.limit, retries_exhausted(taylor)
     limit = length if taylor.failures > 0 and not is_exhausted else limit
     taylor.limit = limit + limit
@@ -124,7 +124,7 @@ def defect_along_step(
     *,
     layout: TaylorLayout,
 ) -> bool:
-    """Return whether a series agrees with the equations all along a step of length s in units of the scale."""
+    """Return True if a series agrees with the equations at all probes of a step of length s, in units of the scale."""
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)
     begin = layout.ahead(order)
@@ -147,7 +147,7 @@ VERIFIED_HALVINGS = 60
 
 
 def state_type() -> Array:
-    """Return the type of an array that is written in whole blocks."""
+    """Return the type of a parameter that is an array written in whole blocks."""
     return Array(room=WIDEST_VECTOR)
 
 
@@ -177,10 +177,10 @@ def verified_step(
     work: Out,
     order: int,
 ) -> tuple[float, int]:
-    """Return a step at whose end the series of all watched functions agree with them, by halving a step.
+    """Halve a step until the series of all watched functions agree with the functions at its end.
 
-    The second result is the index of the first function that disagreed on the last step that was halved, or -1. At
-    x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
+    Returns the length, and the index of the first function that disagreed on the last step that was halved, or -1. At x
+    = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
@@ -191,7 +191,7 @@ def verified_step(
             return s, limiting
         wrong = disagreeing(s, rtol, noise, None, there, work, order, layout)
         if wrong >= 0:
-            # Rounding of the state at the end may explain the difference.
+            # Rounding of the state at the end may cause the difference.
             event_noise(function, numbers, tilts, end, layout.dimension, layout.watched, state, there, blur, moved)
             wrong = disagreeing(s, rtol, noise, blur, there, work, order, layout)
         again = wrong >= 0
@@ -205,7 +205,7 @@ def verified_step(
 def disagreeing(
     s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
 ) -> int:
-    """Return the first series whose sum at the end of a step differs from the value `there` of its function, or -1."""
+    """Return the index of the first series whose sum at the end of a step differs from its function there, or -1."""
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):

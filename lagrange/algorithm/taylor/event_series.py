@@ -1,9 +1,9 @@
-"""The series of a watched function on a Taylor step: its round-off noise, its range of trust, and its sign.
+"""The series of a watched function on a Taylor step: its rounding noise, the range in which it is accurate, its sign.
 
-Three tests use it. The coefficients may show that the function keeps its sign, so that it is excluded. The sums of its
-terms usually decide that it has one zero, or none. And the sign at the end of a step must agree with the series: a
-function that saturates, such as erf(x), looks constant where it is flat, and its series does not show a slope further
-ahead. The next series begins with the exact value, which reveals the error.
+Three tests use it. First, the coefficients may show that the function keeps its sign; then it is excluded. Second, the
+sums of its terms usually decide that it has one zero, or none. Third, the sign at the end of a step must agree with the
+series. A function that saturates, such as erf(x), looks constant where it is flat, and its series does not show a slope
+further ahead. The next series begins with the exact value, which reveals the error.
 """
 
 from __future__ import annotations
@@ -73,11 +73,11 @@ def event_noise(
     noise: Out,
     moved: Out,
 ) -> None:
-    """Write the noise of watched functions, with these `values`, from rounding of the state.
+    """Write the noise of watched functions, with these `values`, due to rounding of the state.
 
     The state here and at the end of the last step may be rounded. The time and the `size` entries of the state are
-    perturbed by about the square root of round-off, each by another factor: with equal factors the difference of two
-    equal entries would seem exact.
+    perturbed by about the square root of the rounding unit, each by a different factor. With equal factors the
+    difference of two equal entries would seem exact.
     """
     for i in range(size):
         moved[i] = y[i] * tilts[i]
@@ -97,7 +97,7 @@ def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any)
 
 @procedure(apart=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the part of a step on which a series is accurate or only noise: s if the series terminates.
+    """Return the part of a step of length s on which a series is accurate or only noise; s if the series terminates.
 
     The truncation error of an expression's series may exceed that of the state: it is a sum of products.
     """
@@ -129,7 +129,7 @@ def safe_step(c: In, count: int) -> float:
 
 @inline
 def shown_radius(c: In, late: int) -> float:
-    """Return the radius of convergence by the coefficient of order `late` and an earlier one, inf if one is zero."""
+    """Return the radius of convergence from the coefficients of order `late` and an earlier one; inf if one is 0."""
     early = max(late - ROW_DISTANCE, 1)
     before, after = abs(c[early]), abs(c[late])
     shown = math.pow(before / after, 1.0 / float(late - early))
@@ -138,7 +138,7 @@ def shown_radius(c: In, late: int) -> float:
 
 @procedure(apart=True)
 def is_balanced(c: In, count: int, s: float) -> bool:
-    """Return whether the high powers of a series on a step are small enough for the low ones; see `BALANCE`."""
+    """Return True if the high powers of a series on a step are at most `BALANCE` times the low ones."""
     low = larger(abs(c[0]), abs(c[1]) * s)
     high, power = 0.0, s * s
     for k in range(2, count):
@@ -149,7 +149,7 @@ def is_balanced(c: In, count: int, s: float) -> bool:
 
 @procedure(apart=True)
 def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
-    """Return whether a series surely keeps its sign on a step: its linear part outweighs the rest at both ends."""
+    """Return True if a series certainly keeps its sign on a step: its linear part exceeds the rest at both ends."""
     rest, power = 0.0, s * s
     for k in range(2, count):
         rest += abs(c[k]) * power
@@ -160,9 +160,9 @@ def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
 
 @inline
 def is_linear(start: float, end: float, sizes: float, rest: float, noise: float) -> bool:
-    """Return whether a linear part with these values at the ends outweighs the `rest` of a series with these `sizes`.
+    """Return True if a linear part with these values at the ends exceeds the `rest` of a series.
 
-    Between the ends the linear part lies between its values there.
+    `sizes` is the sum of magnitudes of its terms. Between the ends the linear part is between its values there.
     """
     least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
@@ -170,7 +170,7 @@ def is_linear(start: float, end: float, sizes: float, rest: float, noise: float)
 
 @procedure(apart=True)
 def largest_term(c: In, count: int, s: float) -> float:
-    """Return the largest |c[k]| s**k."""
+    """Return the largest |c[k]| s**k of a series."""
     most, power = 0.0, 1.0
     for k in range(count):
         most = larger(most, abs(c[k]) * power)
@@ -179,12 +179,13 @@ def largest_term(c: In, count: int, s: float) -> float:
 
 
 ZERO_ROUND_OFF = 64 * 2.0**-52
-"""Value of a function, relative to the sum of its terms, below which it is zero together with another."""
+"""Largest value of a function, relative to the sum of its terms, that counts as zero at the zero of another function.
+"""
 
 
 @procedure(apart=True)
 def vanishes(c: In, count: int, s: float, noise: float) -> bool:
-    """Return whether a series is zero at time s, up to its noise and the rounding of its terms."""
+    """Return True if a series is zero at time s, within its noise and the rounding of its terms."""
     total, sizes, power = 0.0, 0.0, 1.0
     for k in range(count):
         term = c[k] * power
@@ -195,11 +196,11 @@ def vanishes(c: In, count: int, s: float, noise: float) -> bool:
 
 @procedure
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
-    """Return the sign with which a watched function leaves its value at a start, and the order that decides it.
+    """Return the sign with which a watched function leaves zero at a start, and the order that decides it.
 
-    The order is 0 if the function is not zero at its start, beyond its `margin` and the round-off of its terms over a
-    comparable time. Otherwise it is the order of the first term that decides, and the sign is that of this term. The
-    order is -1 if no term decides.
+    The order is 0 if the function is not zero at its start, within its `margin` and the rounding of its terms over a
+    comparable time. Otherwise it is the order of the first term that decides, whose sign is returned. It is -1 if no
+    term decides.
     """
     far = reach(c, count, unit, tolerance, noise)
     near = reals(MOST_COEFFICIENTS)
@@ -222,8 +223,8 @@ def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: flo
 def comparable_unit(t: float, scale: float) -> float:
     """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
 
-    The scale of a polynomial motion has no meaning. Motions that take less than some spacings of floating-point times
-    cannot be resolved in any case.
+    The scale of a polynomial motion is arbitrary. Motions shorter than some spacings of floating-point times cannot be
+    resolved in any case.
     """
     return 1.0 if t == 0.0 else larger(smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
 
@@ -236,13 +237,13 @@ LEAST_COUNT = 3
 
 @record
 class TermSums:
-    """Sums of every other term of a series; see `TERM_SUMS`. Two of them hide the latency of additions."""
+    """Two sums of alternate terms of a series, to hide the latency of additions. `TERM_SUMS` is the record."""
 
     number: float
     """Order of the next term."""
 
     power: float
-    """Power of the step in the next term."""
+    """Power of the step length in the next term."""
 
     rest: float
     rates: float
@@ -252,7 +253,7 @@ class TermSums:
 
 @inline
 def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
-    """Return sums that continue with a term."""
+    """Return sums that begin with a term."""
     sums = TermSums()
     sums.number = number
     sums.power = power
@@ -263,7 +264,7 @@ def begin_sums(number: float, power: float, end: float, slope: float) -> TermSum
 
 @inline
 def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, float]:
-    """Add the next term; return it, and the term times its order."""
+    """Add the next term. Return the term, and the term times its order."""
     term = coefficient * sums.power
     rate = sums.number * term
     sums.rest += abs(term)
@@ -277,9 +278,9 @@ def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, 
 
 @procedure
 def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
-    """Write the terms x[k] s**k of a watched function, k times each, and `TERM_SUMS`.
+    """Write the terms x[k] s**k of a watched function, also multiplied by k, and their `TERM_SUMS`.
 
-    The coefficients are read from rows that are `width` apart.
+    The coefficients are read from rows that are `width` doubles apart.
     """
     start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
@@ -299,9 +300,9 @@ def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out,
 
 @procedure
 def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
-    """Return the sign that a watched function changes to, once, on a step; 0 if it keeps its sign, 2 if undecided.
+    """Return the sign to which a watched function changes on a step, once; 0 if it keeps its sign, 2 if undecided.
 
-    It is undecided by the sums of terms if the slope may change its sign, or a value at an end is within its noise.
+    It is undecided by the sums of terms if the slope may change its sign, or if a value at an end is within its noise.
     """
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), float(sign)
@@ -318,7 +319,7 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 
 @procedure
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
-    """Return the only place between 0 and 1 where a polynomial with these terms changes to a sign."""
+    """Return the only point between 0 and 1 at which a polynomial with these terms reaches a sign."""
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
     return approach(terms, slopes, count, 0.0, 1.0, inverse_cubic((0.0, 1.0), values, rates), sign)
@@ -326,7 +327,7 @@ def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> floa
 
 @inline
 def used_count(c: Readable[float], order: int) -> int:
-    """Return the number of coefficients up to the last one that is not zero, at least `LEAST_COUNT`."""
+    """Return the number of coefficients up to the last nonzero one, at least `LEAST_COUNT`."""
     count = order + 1
     while count > LEAST_COUNT and c[count - 1] == 0.0:
         count -= 1
@@ -335,7 +336,7 @@ def used_count(c: Readable[float], order: int) -> int:
 
 @procedure(apart=True)
 def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
-    """Copy the series of a watched function from rows, `width` apart, on first use; return whether it is finite.
+    """Copy the series of a watched function from rows, `width` apart, on first use. Return True if it is finite.
 
     `counts` has the number of its coefficients up to the last nonzero one, or 0 before the copy.
     """
@@ -348,7 +349,7 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 @inline
 def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
-    """Copy the series of a watched function from rows, `width` apart; return whether it is finite."""
+    """Copy the series of a watched function from rows, `width` apart. Return True if it is finite."""
     total = 0.0
     for k in range(count):
         c[k] = rows[k * width]
@@ -358,10 +359,10 @@ def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
 
 @procedure(doubtful=work_type, work=work_type)
 def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Write 1 for each watched function that may vanish on a step of length s, else 0; return whether any may.
+    """Write 1 for each watched function that may be zero on a step of length s, else 0. Return True if any may.
 
-    With `everything`, all are written as doubtful. A function keeps its sign if its linear part outweighs the rest at
-    both ends of the step, and has one sign there.
+    With `everything`, 1 is written for all. A function keeps its sign if its linear part exceeds the rest at both ends
+    of the step, and has one sign there.
     """
     rows, width = work[layout.rows + layout.watched_at :], layout.width
     number = 0.0
@@ -382,7 +383,7 @@ CHAINS = 4
 
 @inline
 def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i: int) -> float:
-    """Return the sum of |x[k]| s**k over k from 2 on, of watched function i."""
+    """Return the sum of |x[k]| s**k over k >= 2, for watched function i."""
     blocks = quotient(order - 1, CHAINS)
     square = s * s
     fourth = square * square
@@ -398,7 +399,7 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
 
 @procedure(watched=watched_type)
 def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layout: TaylorLayout) -> bool:
-    """Return whether the present series and that of the last step, of this `length`, disagree on a side.
+    """Return True if the sign of a function contradicts the series of the last step, of this `length`.
 
     Functions that may jump are excluded: their sign may change without a zero.
     """
@@ -413,7 +414,7 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
     for i in range(layout.watched):
         values[i] = first[i]
     write_noise(watched, own_numbers(watched), t, watched.work, layout)
-    # The error of the state is its rounding times the ratio of tolerance to round-off.
+    # The error of the state is its rounding times the ratio of tolerance to rounding.
     slack = EVENT_SLACK * fma(rtol, 2.0**50, 1.0)
     is_wrong = False
     for i in range(layout.watched):
@@ -425,7 +426,7 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 
 @inline
 def changes_side(watched: Watched, i: int, length: float, layout: TaylorLayout) -> bool:
-    """Return whether a function that cannot jump is on the other side, further than its slope explains."""
+    """Return True if a function that cannot jump has changed its sign by more than its slope explains."""
     value, slope = [row(watched.work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
     started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]
     sign, smooth = side(watched, SIGN, layout)[i], setting(watched, SMOOTH, i, layout)

@@ -1,4 +1,7 @@
-"""Zeros of watched functions on the next Taylor step, in order of time; the first that changes the motion ends it."""
+"""Zeros of watched functions on the next Taylor step, in order of time.
+
+The first that changes the motion ends the step.
+"""
 
 from __future__ import annotations
 
@@ -67,12 +70,15 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 SEARCH_MARGIN = 1 / 64
-"""Least part of a step by which the search continues after the first zero that changes the motion."""
+"""Least fraction of a step by which the search continues after the first zero that changes the motion."""
 
 
 @dataclass(frozen=True)
 class Zeros:
-    """The zeros on a step: their times in units of the scale, indices and directions, and the sides at its end."""
+    """The zeros on a step, and the sides at its end.
+
+    Each zero has a time in units of the scale, the index of its function, and a direction.
+    """
 
     times: Out
     places: WholesOut
@@ -83,7 +89,7 @@ class Zeros:
 
 @inline
 def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
-    """Return one of two lists of zeros in the scratch memory, with the number 0 or 1."""
+    """Return list `number`, 0 or 1, of zeros in the scratch memory."""
     times = real_part(watched, "times", layout, number * MOST_ZEROS)
     places, directions = [whole_part(watched, "zeros", layout, (2 * number + i) * MOST_ZEROS) for i in (0, 1)]
     signs, nears = [whole_part(watched, "ends", layout, 2 * number + i) for i in (0, 1)]
@@ -92,9 +98,9 @@ def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
 
 @procedure(apart=True, watched=watched_type)
 def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool) -> int:
-    """Find the zeros of watched functions on a step of length s, in order; return their number, or -1 on failure.
+    """Find the zeros of watched functions on a step of length s, in order. Return their number, or -1 on failure.
 
-    With `until`, only zeros up to the first one that surely changes the motion matter, and simultaneous ones. The
+    With `until`, only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The
     search then ends at twice the time of that zero, at least `SEARCH_MARGIN` of the step after it, where simultaneous
     zeros are clearly passed. The terms are those on a step of length `whole`.
     """
@@ -125,10 +131,10 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
 
 @procedure(watched=watched_type)
 def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool, zeros: Zeros, watched: Watched) -> int:
-    """Write the zeros of a watched function up to s, from index `to` on; return their number, or -1 on failure.
+    """Write the zeros of a watched function up to s, from index `to` on. Return the new number, or -1 on failure.
 
     The sums of its terms usually decide. Otherwise roots are isolated. A function that starts at zero is divided by
-    time: the root there is known, and the next may be close.
+    time, which removes that root: the next may be close.
     """
     layout, order = layout_of(watched.sizes), watched.order
     rows = row(watched.work, 0, layout)[layout.watched_at :]
@@ -165,10 +171,10 @@ def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool,
 
 
 CLOSE_ROOTS = 8.0
-"""Distance of two zeros of one function, in units of simultaneous times, below which they are the same."""
+"""Distance of two zeros of one function, in units of simultaneous times, below which they are one zero."""
 
 MOST_BALANCING = 200
-"""Largest number of halvings of a step until the low powers of watched functions keep their digits."""
+"""Largest number of halvings of a step until the low powers of watched functions dominate."""
 
 GO_ON, LEAVE, WAIT = range(3)
 """Decisions: take the step, leave the step to the caller, or return because the memory for events is full."""
@@ -200,7 +206,7 @@ class InspectedStep:
 
 @procedure(apart=True, watched=watched_type)
 def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
-    """Inspect a step on which watched functions may vanish; return a decision and the new length.
+    """Search the zeros of watched functions on a step. Return a decision and the new length.
 
     Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and the signs at
     its end are written. Otherwise nothing changes.
@@ -235,7 +241,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 @inline
 def verified_length(step: InspectedStep, length: float, watched: Watched, layout: Any) -> float:
-    """Return a length of the step at whose end the series of high powers agree with the watched functions."""
+    """Return a length of the step at whose end the series with high powers agree with the watched functions."""
     noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
     functions = watched.values, own_numbers(watched), watched.tilts
     scratch = noise, there, blur, new_entries(watched, layout), moved_state(watched, layout)
@@ -249,10 +255,10 @@ def verified_length(step: InspectedStep, length: float, watched: Watched, layout
 def end_at_change(
     zeros: Zeros, number: int, change: int, step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched
 ) -> tuple[int, float]:
-    """End the step at its first change; return a decision and the new length.
+    """End the step at its first change of the motion. Return a decision and the new length.
 
-    On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier. The
-    functions that vanish at the end are due. At a change at the start no step is taken.
+    On the shorter step more zeros are resolved; these are recorded, and a change may come earlier. The functions that
+    are zero at the end are due. At a change at the start no step is taken.
     """
     layout, watch, count, s = layout_of(watched.sizes), watched.watch, number, step.s
     shorter, at, again = zeros_of(watched, 1, layout), zeros.times[change], True
@@ -278,9 +284,9 @@ def end_at_change(
 
 @procedure(watched=watched_type)
 def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
-    """Add functions that vanish near the end `at` of a step to the first `due` ones, and return their number.
+    """Add functions that are zero near the end `at` of a step to the first `due` ones. Return the new number.
 
-    Unless the zeros are `proven`, a function with another time must be zero at the end, up to its noise and rounding.
+    Unless the zeros are `proven`, a function with another time must be zero at the end, within its noise and rounding.
     """
     layout = layout_of(watched.sizes)
     places, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
@@ -303,7 +309,7 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
 
 @inline
 def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
-    """Return whether a watched function is among the first `due` ones that vanish at the end of the step."""
+    """Return True if a watched function is among the first `due` ones that are zero at the end of the step."""
     places, is_there = whole_part(watched, "due", layout), False
     for j in range(due):
         is_there = is_there or places[j] == place
@@ -312,7 +318,7 @@ def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
 
 @inline
 def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
-    """Return whether the series of the state terminate, so that they do not limit the step."""
+    """Return True if the series of the state terminate: then they do not limit the step."""
     last, before = row(work, order, layout), row(work, order - 1, layout)
     place = 0
     while place < layout.dimension and last[place] == 0.0 and before[place] == 0.0:
@@ -322,10 +328,7 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
 
 @procedure(watched=watched_type)
 def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
-    """Return the part of a step on which the series of all watched functions can be trusted.
-
-    It is -1 if a series is not finite.
-    """
+    """Return the part of a step on which the series of all watched functions are accurate; -1 if not finite."""
     layout, order, s = layout_of(watched.sizes), watched.order, step.s
     rows, count, length = row(watched.work, 0, layout)[layout.watched_at :], order + 1, s
     noises, columns = real_part(watched, "noise", layout), real_part(watched, "columns", layout)
@@ -364,14 +367,14 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths; record the function whose series is accurate only up to `far`."""
+    """Return the smaller of two lengths. Record the function `which` if its series is accurate only up to `far`."""
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 
 
 @procedure(watched=watched_type)
 def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
-    """Write the sides before a step; functions that jumped over zero since the last step have changed theirs.
+    """Write the sides before a step. Functions that jumped over zero since the last step have changed their side.
 
     The result is False if a series is not finite.
     """
@@ -393,7 +396,7 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
 
 @procedure(watched=watched_type)
 def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> int:
-    """Return the number of the first zero before a time that changes the motion, or -1 without one."""
+    """Return the number of the first zero before a time that changes the motion, or -1."""
     layout = layout_of(watched.sizes)
     seen, counted = whole_part(watched, "seen", layout), side(watched, COUNT, layout)
     if watched.watch.changing == 0:
@@ -417,7 +420,7 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
 
 @inline
 def simultaneous(step: InspectedStep, at: float) -> float:
-    """Return the distance within which zeros count as simultaneous."""
+    """Return the time within which zeros count as simultaneous, in units of the scale."""
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
 

@@ -1,4 +1,4 @@
-"""The loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next."""
+"""The loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lagrange.procedure.front.vocabulary import In, each, likely, mantissa, real
 
 @procedure(given=arguments)
 def taylor_steps(given: Arguments, budget: int, *, layout: TaylorLayout) -> Outcome:
-    """Take Taylor steps towards the end, and return an outcome: at the end, after `budget` steps, or on a failure."""
+    """Take Taylor steps, and return an outcome: at the end, after `budget` steps, or on failure."""
     counts = given.counts
     counts.rows = 0
     given.held.unproven = 0
@@ -38,7 +38,7 @@ def taylor_steps(given: Arguments, budget: int, *, layout: TaylorLayout) -> Outc
 
 @inline
 def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Any, layout: TaylorLayout) -> None:
-    """Reset the compensation, the counters and the limits, and give the scale of time the sign of the run's direction.
+    """Reset the compensation, the counters and the limits. Set the sign of the time scale to the run's direction.
 
     The caller may have asked for an inspection of the first step.
     """
@@ -54,7 +54,7 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
 
 @procedure(given=arguments)
 def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
-    """Test the defect of the last step, take the next one, and return an outcome: PAUSED if the run continues."""
+    """Test the defect of the last step, and take the next one. Return an outcome: PAUSED if the run continues."""
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order = given.work, given.order
     is_there, is_idle = run.t == run.end, held.unproven == 0
@@ -78,7 +78,8 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
         return Outcome.SINGULAR
     begins = (counts.steps == 0 or taylor.rescalings != 0) and counts.surveyed == 0
     if unlikely(begins and run.share > 0.0):
-        # Floors of entries that are zero, at the start and after a change of the scale of time, until a survey.
+        # Floors of entries that are zero, at the start and after a change of the time scale, until their sizes are
+        # estimated.
         is_blind = first_floors(run.share, given.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:
@@ -94,8 +95,8 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
 def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: TaylorLayout) -> Outcome:
     """Record or reject the last step: DONE if it is recorded, PAUSED if it is rejected.
 
-    At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to survey the sizes of
-    the entries.
+    At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to estimate the sizes
+    of the entries.
     """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order, watched = given.work, given.order, watched_of(given)
@@ -125,5 +126,5 @@ def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: Tayl
 
 @inline
 def may_ask(run: Run, counts: Counts) -> bool:
-    """Return True if the run may return for a survey of sizes: its floors follow the scale; see `Outcome`."""
+    """Return True if the run may return for an estimate of sizes, because its floors follow the scale."""
     return run.share > 0.0 and counts.surveyed < MOST_SURVEYS

@@ -1,6 +1,6 @@
 """Memory layout of a Taylor step: the state, its compensation, and the rows of the series.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks; on other machines a block has one number.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, re
 from lagrange.program.series import SeriesProgram
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
-"""Type of the function that computes a series. Arguments: the time, the scale of time, the state followed by its
-compensation, two arrays of numbers that the machine has prepared, the rows and the order. It returns True for a
-singular matrix."""
+"""Type of the function that computes a series. Arguments: the time; the scale of time; the state followed by its
+compensation; two arrays of numbers that the machine has prepared; the rows; the order. It returns True for a singular
+matrix.
+"""
 
 
 @record
 class TaylorState:
-    """The state of a run by Taylor series, in addition to those of `Run` and `Counts`."""
+    """The state of a run by Taylor series, in addition to the fields of `Run` and `Counts`."""
 
     low: float
     """Rounding error of the time (compensated summation)."""
@@ -35,30 +36,27 @@ class TaylorState:
     """The unit of time of the series, signed."""
 
     next_limit: float
-    """Bound of the next step, or infinity."""
+    """Bound of the next step, in time; or infinity."""
 
     limit: float
-    """Bound of all steps, set by rejected steps."""
+    """Bound of all further steps, set by rejected steps."""
 
     rescalings: int
-    """Number of times that the series of this step was repeated in another unit of time."""
+    """Number of changes of the time unit in which the series of this step was computed again."""
 
     failures: int
-    """Consecutive steps rejected by the defect test."""
+    """Number of consecutive steps that the defect test rejected."""
 
     inspect: int
-    """1 if the event functions must be inspected on the next step, whatever their bounds."""
+    """1 if the event functions must be inspected on the next step, even if their bounds exclude zeros."""
 
 
 @record
 class Held:
-    """Record of the last step: its beginning, to which a rejected step returns.
-
-    The state there is in the work array.
-    """
+    """Record of the start of the last step, to which a rejected step returns. Its state is in the work array."""
 
     unproven: int
-    """1 until the step has passed the defect test."""
+    """1 until the last step has passed the defect test."""
 
     t: float
     low: float
@@ -71,13 +69,13 @@ class Held:
 
 @record
 class OutputCounts:
-    """Number of output times with states. The times are sorted in the direction of the run, and end with NaN."""
+    """Number of output times whose states are written. Output times are sorted along the run, and end with NaN."""
 
     done: int
-    """Number of output times with states on steps that are proven."""
+    """Number of output times whose states are written, on proven steps."""
 
     ahead: int
-    """Number of output times with states, including the last step, which is not proven yet."""
+    """The same number including the last step, which is not proven yet."""
 
 
 TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCounts)
@@ -86,7 +84,7 @@ TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCount
 
 @record
 class Sizes:
-    """Record of the sizes of a layout, read by procedures that work for every layout; see `TaylorLayout`."""
+    """The sizes of a `TaylorLayout` as a record, read by procedures that work for every layout."""
 
     dimension: int
     padded: int
@@ -95,14 +93,14 @@ class Sizes:
     watched_at: int
     scratch: int
     chains: int
-    """1 if states are summed in four independent chains, 0 if row by row."""
+    """1 if states are summed in four independent partial sums, 0 if row by row."""
 
 
 SIZES = form_of(Sizes)
 
 
 class Offsets:
-    """Offsets of the parts of the work array, from the sizes of a layout."""
+    """Offsets of the parts of the work array, computed from the sizes of a layout."""
 
     padded: Any
     width: Any
@@ -115,7 +113,7 @@ class Offsets:
 
     @property
     def held(self) -> Any:
-        """Offset of the saved beginning of the last step: the state, its rounding errors, and a derivative."""
+        """Offset of the saved start of the last step: the state, its rounding errors, and a derivative."""
         return self.padded * 2
 
     @property
@@ -136,14 +134,14 @@ class Offsets:
 
 @dataclass(frozen=True)
 class TaylorLayout(Offsets):
-    """Offsets in the work array: the state, its compensation, the beginning of the step, and the rows.
+    """Offsets in the work array: the state, its compensation, the start of the step, and the rows.
 
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
-    functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
-    entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints after
-    each step. With `crossing` the radius of convergence does not bound the step. With `by_rows` a series is summed row
-    by row, for compilers that vectorize only innermost loops. With `observes` all watched functions are events without
-    resets: the loop returns when one ends the run.
+    functions begin at `watched_at`. With an `order` of 0 the code works for every order. Vectors are computed on
+    `block` entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints
+    after each step. With `crossing` the radius of convergence does not bound the step. With `by_rows` a series is
+    summed row by row, for compilers that vectorize only innermost loops. With `observes` all watched functions are
+    events without resets: the loop returns when one of them ends the run.
     """
 
     dimension: int
@@ -160,7 +158,7 @@ class TaylorLayout(Offsets):
 
     @classmethod
     def of(cls, program: SeriesProgram, width: int = 0, *, block: int = 1, **parts: Any) -> TaylorLayout:
-        """Return the layout of the series of a program; without `width` a row has the state and the watched values.
+        """Return the layout of the series of a program. Without `width` a row has the state and the watched values.
 
         `parts` are other fields, such as `scratch`.
         """
@@ -171,7 +169,7 @@ class TaylorLayout(Offsets):
 
     @cached_property
     def padded(self) -> int:
-        """The length of the state in whole blocks."""
+        """Length of the state in whole blocks."""
         return whole_blocks(self.dimension, self.block)
 
     @property
@@ -181,7 +179,7 @@ class TaylorLayout(Offsets):
 
     @property
     def moving(self) -> int:
-        """The first entry of the first block that contains velocities."""
+        """First entry of the first block that contains velocities."""
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
@@ -191,18 +189,18 @@ class TaylorLayout(Offsets):
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
 
     def size(self, order: int) -> int:
-        """Return the length of the work array: a state and its rows twice."""
+        """Return the length of the work array: twice a state and its rows."""
         return 2 * int(self.ahead(order)) + 8
 
     @cached_property
     def sizes(self) -> Any:
-        """The sizes as a record, which is only read."""
+        """The sizes as a record, which procedures read only."""
         return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
 
 
 @dataclass(frozen=True)
 class RecordedLayout(Offsets):
-    """Sizes of a layout that are read at run time, from `Sizes`."""
+    """Sizes of a layout that are read at run time from a `Sizes` record."""
 
     dimension: int
     padded: int
@@ -215,52 +213,52 @@ class RecordedLayout(Offsets):
 
 @inline
 def layout_of(sizes: Sizes) -> Any:
-    """Return the sizes of a record, each read once."""
+    """Return the sizes of a record. Each is read once."""
     vectors = sizes.dimension, sizes.padded, sizes.width
     return RecordedLayout(*vectors, sizes.watched, sizes.watched_at, sizes.scratch, sizes.chains)
 
 
 def work_type() -> Array:
-    """Return the type of the work array."""
+    """Return the type of a work array parameter."""
     return Array(room=WIDEST_VECTOR)
 
 
 def rows_type(layout: TaylorLayout) -> Array:
-    """Return the type of an array of states."""
+    """Return the type of a parameter that is an array of states."""
     return Array(room=layout.block)
 
 
 def weights_type(layout: TaylorLayout) -> Array:
-    """Return the type of the weights: one over the tolerance of each entry of the state."""
+    """Return the type of the weights parameter: 1 / tolerance of each entry of the state."""
     return Array(size=layout.padded, room=layout.block)
 
 
 def floors_type(layout: TaylorLayout) -> Array:
-    """Return the type of the floors: the least tolerance of each entry of the state."""
+    """Return the type of the floors parameter: the least tolerance of each entry of the state."""
     return Array(size=layout.dimension, room=layout.block)
 
 
 @inline
 def row(work: Any, k: int, layout: Any) -> Any:
-    """Return the coefficients of an order."""
+    """Return the row of coefficients of order k."""
     return work[k * layout.width + layout.rows :]
 
 
 @inline
 def less(order: int, count: int) -> int:
-    """Return the order, which is at least 4, minus a compile-time number of at least 1."""
+    """Return the order, which is at least 4, minus `count`, a number known at compile time and at least 1."""
     return max(order - count, 1) if count > 1 else order - count
 
 
 @inline
 def minus_one_over(k: int) -> float:
-    """Return -1 over an order."""
+    """Return -1 / k for an order k."""
     return -1.0 / float(k)
 
 
 @inline
 def ratio(coefficients: In, weights: In, layout: TaylorLayout) -> float:
-    """Return the largest coefficient of a row relative to its tolerance, NaN if one is not finite."""
+    """Return the largest |coefficient| * weight of a row; NaN if one is not finite."""
     largest = 0.0
     for i in each(layout.padded, **layout.loop):
         largest = magnitude(largest, coefficients[i] * weights[i])

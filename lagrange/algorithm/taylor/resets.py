@@ -39,19 +39,19 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
 AT_REST = 4.0
-"""Largest distance of an event function from zero after a reset, relative to that before it, that counts as zero."""
+"""Largest distance of an event function from zero after a reset that counts as zero, relative to that before it."""
 
 
 @procedure(apart=True, watched=watched_type)
 def sides_at_start(
     t: float, scale: float, rtol: float, margin: float, place: int, numbers: In, there: In, watched: Watched
 ) -> bool:
-    """Find the sides at the start of a motion, and the functions that start at zero.
+    """Determine the sides at the start of a motion, and the functions that start at zero.
 
-    The state there, its compensation and its series are in the work array `there`. The event at index `place` counts
-    as zero up to `margin`. The result is False if the sides cannot be decided: a series is not finite, that event does
-    not leave zero at once, or another function starts at zero. At the start of a run `place` is -1, and an event that
-    does not reset the state may start at zero.
+    The state there, its compensation and its series are in the work array `there`. The event with index `place` counts
+    as zero up to `margin`. The result is False if the sides are undecided: a series is not finite; that event does not
+    leave zero at once; or another function starts at zero. At the start of a run `place` is -1, and an event without
+    reset may start at zero.
     """
     layout, count = layout_of(watched.sizes), watched.order + 1
     series = there[layout.rows :]
@@ -79,7 +79,7 @@ def sides_at_start(
 
 @procedure(apart=True, watched=watched_type)
 def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
-    """Find the first sides of a run, and return whether that was done."""
+    """Determine the sides at the start of a run. Return True if they are decided."""
     layout = layout_of(watched.sizes)
     is_done = sides_at_start(t, scale, rtol, 0.0, -1, own_numbers(watched), watched.work, watched)
     if is_done:
@@ -90,7 +90,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
 @inline
 def put_sides(watched: Watched, layout: Any) -> None:
-    """Write the sides at the beginning of a motion, from the results of `sides_at_start`."""
+    """Write the sides at the start of a motion, as `sides_at_start` determined them."""
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
     for i in range(layout.watched):
         side(watched, SIGN, layout)[i], side(watched, NEAR, layout)[i] = signs[i], 0
@@ -99,7 +99,7 @@ def put_sides(watched: Watched, layout: Any) -> None:
 
 @inline
 def just_changed(t: float, watch: Watch) -> bool:
-    """Return whether the motion just changed: changes may accumulate, and are left to the caller."""
+    """Return True if the motion has just changed. Such changes may accumulate: the caller handles them."""
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
 
@@ -116,9 +116,9 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply the reset that alone is due at the state, if the motion then leaves zero at once.
+    """Apply a reset that alone is due at the state, if the motion then leaves zero at once.
 
-    The result tells whether that was done. If not, nothing has changed.
+    Returns True if the reset was applied. Otherwise nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
@@ -168,10 +168,10 @@ def reset_state(
 
 @procedure(watched=watched_type, there=work_type)
 def sides_after_reset(t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched) -> bool:
-    """Find the sides after a reset by the event at index `place`, which alone may start at zero there.
+    """Determine the sides after a reset by the event with index `place`, the only one that may start at zero there.
 
-    An event that the reset leaves unchanged keeps its side; see `lagrange.trajectory.events.motion_start`. One that
-    came near zero may have touched it: then the result is False, and the caller handles the reset.
+    An event that the reset leaves unchanged keeps its side: `lagrange.trajectory.events.motion_start` states the rule.
+    An event that came near zero may have touched it: then the result is False, and the caller handles the reset.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     new, old = [memory[layout.rows :][layout.watched_at :] for memory in (there, watched.work)]
@@ -203,9 +203,9 @@ def cross_surface(
     taylor: TaylorState,
     watched: Watched,
 ) -> bool:
-    """Cross the surface that alone is due at the state, if the motion leaves it at once and touches no other surface.
+    """Cross a surface that alone is due at the state, if the motion leaves it at once and touches no other surface.
 
-    The result tells whether that was done. If not, nothing has changed.
+    Returns True if it was crossed. Otherwise nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):

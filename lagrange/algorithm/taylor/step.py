@@ -42,9 +42,9 @@ from lagrange.procedure.front.vocabulary import larger, nearest, reals, smaller,
 
 @procedure(given=arguments)
 def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
-    """Take a step, or change its scale or its limit, and return an outcome: PAUSED if the run continues.
+    """Take a step, or change its scale or its limit. Return an outcome: PAUSED if the run continues.
 
-    `exponent` is the binary logarithm of the step that the series allows, in its scale.
+    `exponent` is the binary logarithm of the step that the series allows, in units of the scale.
     """
     run, taylor, held, outputs = given.run, given.taylor, given.held, given.outputs
     work, order, watched = given.work, given.order, watched_of(given)
@@ -74,7 +74,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
         final = final and is_whole
         s = taken
         run.h = h
-    # A series that terminates may not satisfy the equations along a longer step. An event may have shortened it.
+    # A series that terminates may not satisfy the equations on a longer step. An event may have shortened it.
     is_longer = abs(h) > STEP_GROWTH * abs(held.h)
     if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
         numbers, sizes = numbers_of(given, layout), (run.rtol, given.floors)
@@ -84,7 +84,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
                 restore_sides(watched, layout)
             return Outcome.PAUSED
     raise_floors(run.share, given.floors, work, layout=layout)
-    # A series that terminates does not estimate the next one.
+    # A series that terminates does not estimate the next step.
     longer = two_to(int(0.0 if whole > LARGEST_SCALE_RATIO else whole))
     if unlikely(not advance(s, longer, work, order, layout=layout)):
         return Outcome.NON_FINITE
@@ -104,10 +104,9 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
 def length_of_step(
     given: Arguments, t: float, scale: float, left: float, exponent: float
 ) -> tuple[float, float, bool, bool]:
-    """Return the step in units of the scale, its natural exponent rounded, and whether it is the last or too small.
+    """Return the step in units of the scale, its binary exponent rounded, and flags: is it the last, is it too small.
 
-    Operations that do not need the coefficients come first: processors run them before the last coefficient is
-    available.
+    Operations without the coefficients come first: processors run them before the last coefficient is available.
     """
     run, taylor = given.run, given.taylor
     inverse = 1.0 / abs(scale)
@@ -124,10 +123,10 @@ def length_of_step(
 
 @inline
 def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
-    """Return whether the step is near the scale of time, so that all coefficients are in the range of doubles.
+    """Return True if the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-    A series that terminates fits if the scale is as long as any step may be. After `MOST_RESCALINGS` changes any
-    scale is accepted.
+    A series that terminates fits if the scale is at least as long as the longest step. After `MOST_RESCALINGS` changes
+    any scale is accepted.
     """
     tries = given.taylor.rescalings
     is_first = given.counts.steps + tries == 0
@@ -138,10 +137,10 @@ def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bo
 
 @procedure(apart=True)
 def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
-    """Change the scale of time to the step's own, for another series, and return an outcome.
+    """Change the scale of time to that of the step, for a new series. Return an outcome.
 
-    The scale becomes shorter if a coefficient overflowed, and longer, up to the longest step, if the last coefficients
-    are zero.
+    The scale becomes shorter if a coefficient overflowed. It becomes longer, up to the longest step, if the last
+    coefficients are zero.
     """
     tries, scale = taylor.rescalings, taylor.scale
     if tries >= MOST_RESCALINGS or abs(scale) < SHORTEST_SCALE:
@@ -155,9 +154,9 @@ def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool
 
 @inline
 def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
-    """Apply the reset or crossing that is due at the state, if that can be done here.
+    """Apply the reset or crossing that is due at the state, if it is regular. Return an outcome.
 
-    The outcome is DONE if nothing was changed, and the step is to be taken.
+    DONE means that nothing was changed, and the step is to be taken.
     """
     watch, result = watched.watch, Outcome.DONE
     if layout.observes:
@@ -176,7 +175,7 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 
 @inline
 def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
-    """Search the step for zeros; return DONE and its new length in units of the scale, or the reason not to take it."""
+    """Search the step for zeros. Return DONE and its new length in units of the scale, or why it is not taken."""
     taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
     is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
@@ -191,7 +190,7 @@ def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: T
 
 @inline
 def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
-    """Advance the time with compensation, and save the beginning of the step."""
+    """Advance the time with compensation, and save the start of the step."""
     run, taylor, held = given.run, given.taylor, given.held
     held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
     held.unproven = 1
@@ -204,7 +203,7 @@ def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
 
 @inline
 def projected(given: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
-    """Project the compensated state onto the constraints; return DONE, or PAUSED for a shorter step if that fails."""
+    """Project the compensated state onto the constraints. Return DONE, or PAUSED for a shorter step if that fails."""
     work, taylor = given.work, given.taylor
     corrections, lost = (given.projection, given.projection_numbers), work[layout.lost :]
     result, _ = project(*corrections, given.run.t, work, lost, dimension=layout.dimension, block=layout.block)

@@ -1,9 +1,9 @@
 """The size of a Taylor step from its last rows.
 
-The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows: the step
-keeps both below one. The growth of the rows gives the radius of convergence.
-Source: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
-methods, Experimental Mathematics 14 (2005), 99-117.
+The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows. The step
+keeps both rows below one. The growth of the rows gives the radius of convergence. Source: A. Jorba, M. Zou, A software
+package for the numerical integration of ODEs by means of high-order Taylor methods, Experimental Mathematics 14 (2005),
+99-117.
 """
 
 from __future__ import annotations
@@ -54,15 +54,17 @@ from lagrange.procedure.front.vocabulary import (
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
-"""Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002. A
-step size needs only two digits, and the C library's functions would take a tenth of a small step."""
+"""Coefficients of polynomials for the binary logarithm on [1, 2], accurate to 0.007, and the power of two on [-1/2,
+1/2], accurate to 0.002. A step size needs only two digits, and the C library's functions would take a tenth of a small
+step.
+"""
 
 
 @procedure
 def logarithm(x: float) -> float:
-    """Return the binary logarithm of a nonnegative number to two digits, at least `ZERO`; NaN for NaN.
+    """Return the binary logarithm of a nonnegative number to two digits, at least `ZERO`.
 
-    That of infinity is 1024.
+    It is 1024 for infinity, and NaN for NaN.
     """
     bounded = magnitude(x, 2.0**ZERO)
     result = float(exponent(bounded)) + polynomial(mantissa(bounded), LOG2)
@@ -71,7 +73,7 @@ def logarithm(x: float) -> float:
 
 @procedure
 def power(x: float) -> tuple[float, float]:
-    """Return 2**x to two digits, and x rounded to a whole number, both at most 2**`LARGEST_STEP_EXPONENT`."""
+    """Return 2**x to two digits, and x rounded to an integer, both for x up to `LARGEST_STEP_EXPONENT`."""
     whole = nearest(x)
     fraction = polynomial(x - whole, EXP2)
     bounded = smaller(whole, LARGEST_STEP_EXPONENT)
@@ -89,16 +91,16 @@ def polynomial(x: float, coefficients: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, work=work_type)
 def raise_floors(share: float, floors: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Raise the floor of each entry to a share of its size."""
+    """Raise the floor of each entry to `share` times its size."""
     for i in each(layout.padded, **layout.loop):
         floors[i] = max(floors[i], share * abs(work[i]))
 
 
 @procedure(apart=True, floors=floors_type, work=work_type)
 def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Set the floors of entries that are zero to the sum of their series over the scale.
+    """Set the floors of entries that are zero to `share` times the sum of their series over the scale.
 
-    The result tells whether the series of some entry begins too late to show a size.
+    The result is True if the series of some entry begins too late to show a size.
     """
     rows = [row(work, k, layout) for k in unrolled(1, START_ROWS + 1)]
     late = [row(work, less(order, 1), layout), row(work, order, layout)]
@@ -118,7 +120,7 @@ def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: Ta
 
 @inline
 def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
-    """Set the floors of entries that are zero to the least."""
+    """Set the floors of entries that are zero to `LEAST_FLOOR`."""
     for i in each(layout.padded, **layout.loop):
         before = floors[i]
         floors[i] = LEAST_FLOOR if work[i] == 0.0 else before
@@ -126,7 +128,7 @@ def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
 
 @inline
 def largest(values: Sequence[float]) -> float:
-    """Return the largest size of several numbers."""
+    """Return the largest magnitude of several numbers."""
     result = values[0]
     for value in values[1:]:
         result = magnitude(result, value)
@@ -135,7 +137,7 @@ def largest(values: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, weights=weights_type, work=work_type)
 def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Write the weights, one over the tolerance of each entry: of its size in the step, and its floor."""
+    """Write the weights, 1 / tolerance of each entry, from its size in the step and its floor."""
     first = row(work, 1, layout)
     for i in each(layout.padded, **layout.loop):
         weights[i] = 1.0 / fma(rtol, magnitude(work[i], first[i]), floors[i])
@@ -143,7 +145,7 @@ def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLay
 
 @inline
 def ends(order: int, step: float) -> bool:
-    """Return whether the last coefficients of a series are zero: it terminates, or they underflow."""
+    """Return True if the last coefficients of a series are zero, because it terminates or because they underflow."""
     return step > ZERO_BOUND * minus_one_over(order)
 
 
@@ -151,8 +153,8 @@ def ends(order: int, step: float) -> bool:
 def choose_exponent(
     rtol: float, digits: float, floors: In, weights: In, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the binary logarithm of the step in units of the scale."""
-    # The earlier rows come first: they are computed long before the last.
+    """Return the binary logarithm of the allowed step, in units of the scale."""
+    # The earlier rows come first: they are computed long before the last row.
     backwards = [
         logarithm(ratio(row(work, less(order, k), layout), weights, layout))
         for k in reversed(unrolled(ROW_DISTANCE + 2))
@@ -179,7 +181,7 @@ def lesser(a: float, b: float) -> float:
 
 @inline
 def leeway(digits: float, order: int) -> float:
-    """Return the allowed excess of the row before the last over its bound, up to its radius at the last order.
+    """Return the log2 by which the row before the last may exceed its bound, up to its radius at the last order.
 
     It is reduced by GUARD, and zero if the order suits the tolerance.
     """
@@ -188,7 +190,7 @@ def leeway(digits: float, order: int) -> float:
 
 @inline
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
-    """Return the bound of the step from an earlier row: its radius, at the last order; see `GUARD`.
+    """Return the bound of the step from an earlier row: its radius, at the last order, plus the margin `GUARD`.
 
     `sizes` are the binary logarithms of the last rows, by their distance from the last. The bound is infinite for rows
     below half of the order.
@@ -213,7 +215,7 @@ def radius(sizes: Sequence[float], distance: int, order: int) -> float:
 def bound_by_earlier_rows(
     rtol: float, floors: In, before: float, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the bound of the step by the upper half of the other rows, if the last two rows are zero.
+    """Return the bound of the step from the upper half of the other rows, if the last two rows are zero.
 
     They are zero if the series terminates, or in the gaps of a series in the fourth power of time.
     """

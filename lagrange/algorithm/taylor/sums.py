@@ -24,9 +24,9 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magn
 
 @procedure(work=work_type)
 def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Add the series to the state, compensated, and return whether it stays finite; if not, the state is unchanged.
+    """Add the series to the state, compensated. Return True if it is finite; else the state is unchanged.
 
-    The state before is stored, and the derivative at the end in units of the next scale.
+    The old state is stored, and the derivative at the end of the step, in units of the next scale.
     """
     new, lost = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     low, slopes, powers = work[layout.lost :], work[layout.slope :], powers_of(s)
@@ -65,7 +65,7 @@ def powers_of(s: float) -> tuple[float, float, float]:
 
 @inline
 def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over k > 0 of entry i."""
+    """Return the sum of x[k] s**k over k > 0 for entry i."""
     if layout.chains:
         return chained_sum(work, order, powers, i, layout)
     return horner(work, order, powers[0], i, layout)[0]
@@ -73,9 +73,9 @@ def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int,
 
 @inline
 def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over k > 0 of entry i, in four chains: x[k] s**(k - first) over k = first + 4 j.
+    """Return the sum of x[k] s**k over k > 0 for entry i, as four partial sums over k = first + 4 j.
 
-    Chains with one coefficient more than the others begin one step earlier.
+    Partial sums with one coefficient more than the others begin one step earlier.
     """
     s, square, fourth = powers
     steps = quotient(order, 4)
@@ -92,7 +92,7 @@ def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int
 def top_of_chain(
     work: In, first: int, steps: int, is_longer: bool, fourth: float, i: int, layout: TaylorLayout
 ) -> float:
-    """Return the last coefficient of a chain, or the last two of a longer one."""
+    """Return the last coefficient of a partial sum; for a longer one, the last two combined."""
     top, below = row(work, first + 4 * steps, layout)[i], row(work, first + 4 * (steps - 1), layout)[i]
     return fma(top, fourth, below) if is_longer else below
 
@@ -101,7 +101,7 @@ def top_of_chain(
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
     """Write the sums of k x[k] s**(k - 1), by Horner's rule for a polynomial and its derivative.
 
-    Only blocks with velocities are summed: the equations of the coordinates hold by construction.
+    Only blocks with velocities are summed: the equations of the coordinates are satisfied by construction.
     """
     begin = layout.moving
     slopes = work[layout.slope + begin :]
@@ -115,7 +115,7 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
 
 @procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
-    """Write the state at a time on a step, for every layout."""
+    """Write the state at time s on a step; this procedure works for every layout."""
     layout = layout_of(sizes)
     lost = work[layout.lost :]
     if likely(layout.chains != 0):
@@ -129,7 +129,7 @@ def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> Non
 
 @inline
 def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tuple[float, float]:
-    """Return the sum of x[k] s**k over k > 0 of entry i, and that of k x[k] s**(k - 1), for any order."""
+    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1) for entry i, for any order."""
     total, slope = 0.0, 0.0
     for j in range(order):
         partial = total + row(work, order - j, layout)[i]
@@ -156,7 +156,7 @@ def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequen
 
 @inline
 def outstanding(wanted: In, place: int, end: float, scale: float) -> bool:
-    """Return whether an output time at an index exists and lies before the end of a step."""
+    """Return True if output time number `place` exists and is before the end of a step."""
     return (wanted[place] - end) * scale < 0.0
 
 
@@ -172,9 +172,9 @@ def write_outputs(
     *,
     layout: TaylorLayout,
 ) -> None:
-    """Write the states at the output times before the end of the last step, `end`.
+    """Write the states at the output times before `end`, the end of the last step.
 
-    A time at the end itself belongs to the next step, which begins with the state at that time.
+    A time equal to `end` belongs to the next step, which begins with the state at that time.
     """
     t, low, scale = held.t, held.low, held.scale
     inverse = 1.0 / scale

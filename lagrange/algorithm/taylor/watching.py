@@ -1,7 +1,8 @@
-"""The watched functions of a Taylor run, switching surfaces first and then event functions, and their zeros.
+"""The watched functions of a Taylor run: switching surfaces first, then event functions.
 
-Their series follow those of the state in each row. Regular zeros are handled here. For all others the driver returns,
-with nothing changed. The record of arguments that the loop over steps passes to its parts is here too.
+Their series follow those of the state in each row. Regular zeros are handled by the loop. For all others the driver
+returns, with nothing changed. This module also has the record of arguments that the loop over steps passes to its
+parts.
 """
 
 from __future__ import annotations
@@ -33,19 +34,21 @@ from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, fo
 
 @record
 class Watch:
-    """State of the search for zeros. An index is that of a watched function."""
+    """State of the search for zeros. Each index is that of a watched function."""
 
     enabled: int
-    """1 if steps are taken, 0 if the driver must return: the caller still has to change the motion."""
+    """1 if steps are taken, 0 if the driver must return because the caller still has to change the motion."""
 
     fresh: int
-    """1 at the start of a motion whose sides are not known yet."""
+    """1 at the start of a motion whose sides are not determined yet."""
 
     hides_growth: int
-    """1 if series may hide a growth: every step is inspected, and only as long as the series prove to be safe."""
+    """1 if a series may hide growth: every step is inspected, and is only as long as the series prove to be accurate.
+    """
 
     steep: int
-    """1 if powers above the order are watched: series are compared with their functions at the end of every step."""
+    """1 if powers above the order are watched: at the end of every step their series are compared with the functions.
+    """
 
     surfaces: int
     """Number of switching surfaces."""
@@ -60,10 +63,10 @@ class Watch:
     """Number of written events."""
 
     ahead: int
-    """Number including those on the step that is not proven yet."""
+    """Number of written events, including those on the step that is not proven yet."""
 
     due: int
-    """Number of functions that vanish at the end of the last step, of which one changes the motion, or 0."""
+    """Number of functions that are zero at the end of the last step, if one of them changes the motion; else 0."""
 
     limiting: int
     """Index of the function whose series limits a step that is left to the caller."""
@@ -72,16 +75,16 @@ class Watch:
     """Number of resets of the state."""
 
     checked: int
-    """1 if the state after a reset must be checked, which the caller does."""
+    """1 if the caller must check the state after a reset."""
 
     unproven: int
-    """1 if the sides before the step that is not proven are saved: the present ones are at its end."""
+    """1 if the sides before the unproven step are saved; then the present sides are those at its end."""
 
     combination: int
-    """The present sides as a binary number, 1 for above, the first surface in the last digit; or -1."""
+    """The present sides as a binary number: 1 for above, the first surface in the lowest digit; or -1."""
 
     numbers: int
-    """Index at which the prepared numbers for these sides begin."""
+    """Index at which the prepared numbers for the present sides begin."""
 
     switches: int
     """Number of written changes of sides."""
@@ -90,29 +93,31 @@ class Watch:
     """Time of the last change of the motion."""
 
     changed_at: int
-    """Index of the function that vanished then."""
+    """Index of the function that was zero then."""
 
 
 WATCH = form_of(Watch)
 
 SIGN, NEAR, STARTING, COUNT = range(4)
-"""Blocks of `sides`, one entry for each watched function: the side before the present step (see `roots`), whether it
-came near zero, whether it starts at zero there, and the number of its events. The blocks are followed by the same
-blocks before the step that is not proven."""
+"""Blocks of `sides`, with one entry for each watched function: its side before the present step, as in `roots`; 1 if it
+came near zero; 1 if it starts at zero there; and the number of its events. The same blocks before the unproven step
+follow.
+"""
 
 DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT, SMOOTH = range(6)
-"""Blocks of `settings`, one entry for each watched function: the direction that counts; the number of events that ends
-the run, or 0; the first of its results among those of all resets, and their number; 1 for a square root; and 1 for an
-event function that does not jump. The blocks are followed by the entries of the state that are reset."""
+"""Blocks of `settings`, with one entry for each watched function: the direction that counts; the number of events that
+ends the run, or 0; the index of its first result among those of all resets; their number; 1 for a square root; 1 for an
+event function without jumps. The entries of the state that are reset follow.
+"""
 
 SIDES, SETTINGS = 4, 6
-"""Number of blocks of sides, and of settings."""
+"""Number of blocks of `sides`, and of `settings`."""
 
 COLUMN = MOST_COEFFICIENTS + 1
-"""Coefficients that are stored for each watched function; a linear one that starts at zero has `LEAST_COUNT`."""
+"""Number of stored coefficients of each watched function. A linear one that starts at zero has `LEAST_COUNT`."""
 
 MOST_ZEROS = 64
-"""Largest number of zeros on one step that the loop handles."""
+"""Largest number of zeros on one step that the loop can handle."""
 
 TERM_SUMS = ("rest", "rates", "end", "slope", "late")
 """Sums of the terms x[k] s**k of a watched function on a step.
@@ -135,14 +140,13 @@ REALS = {
     "blur": 1,
 }
 WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2, "due": 2}
-"""Scratch memory for each watched function: the number of entries of each part.
-
-Watched functions are written in whole blocks: the parts after `noise` and `there` are written later. The part `due` has
-the indices of the functions that vanish at the end of the last step, and the directions in which they do."""
+"""Scratch memory of whole numbers: number of entries of each part for each watched function. The part `due` has the
+indices of the functions that are zero at the end of the last step, and the directions.
+"""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
-    """Return the numbers of reals and of wholes in the scratch memory of procedures; see `Scratch`."""
+    """Return the numbers of reals and of whole numbers in the scratch memory of procedures."""
     return count * (sum(REALS.values()) + dimension) + dimension + 4 * WIDEST_VECTOR, count * sum(WHOLES.values())
 
 
@@ -166,38 +170,42 @@ class Watched:
     switch_rows: WholesOut
     switch_combinations: WholesOut
     scratch: Out
-    """Memory that grows with the watched functions, so it is not on the stack; see `REALS`."""
+    """Scratch memory of reals, with the parts `REALS`. It grows with the watched functions, so it is not on the stack.
+    """
 
     whole_scratch: WholesOut
-    """See `WHOLES`."""
+    """Scratch memory of whole numbers, with the parts `WHOLES`."""
 
     work: Any
-    """The work array with the series, None in the arguments of a step, which have it themselves."""
+    """The work array with the series. It is None in the arguments of a step, which have the array themselves."""
 
     order: Any
-    """The order of the series, or None; see `work`."""
+    """The order of the series; None in the arguments of a step."""
 
 
 def watched_type() -> Bundle:
-    """Return the type of the watched functions and their series."""
+    """Return the type of a `Watched` parameter with its series."""
     return Bundle(Watched, {**watched_types(), "work": work_type(), "order": WHOLE})
 
 
 def watched_types() -> dict[str, Stated]:
-    """Return the types of the watched functions without their series."""
+    """Return the types of the fields of `Watched`, without the series."""
     blocks = Array(room=WIDEST_VECTOR)
     return {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks}
 
 
 @inline
 def real_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return part `part` of `REALS`. If it has several entries for each watched function, `number` selects one."""
+    """Return part `part` of the scratch memory of reals.
+
+    If it has several entries for each watched function, `number` selects one.
+    """
     return watched.scratch[layout.watched * (_begin(REALS, part) + number) :]
 
 
 @inline
 def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return part `part` of `WHOLES`; see `real_part`."""
+    """Return part `part` of the scratch memory of whole numbers; `number` selects one of several entries."""
     return watched.whole_scratch[layout.watched * (_begin(WHOLES, part) + number) :]
 
 
@@ -214,57 +222,57 @@ def new_entries(watched: Watched, layout: Any) -> Any:
 
 
 def due_part(number: int) -> int:
-    """Return the number of wholes, for each watched function, before the indices (0) or directions (1) of `due`."""
+    """Return the number of entries, for each watched function, before the indices (0) or directions (1) of `due`."""
     return _begin(WHOLES, "due") + number
 
 
 def _begin(parts: dict[str, int], wanted: str) -> int:
-    """Return the number of entries for each watched function before a part."""
+    """Return the number of entries, for each watched function, before the part `wanted`."""
     names = list(parts)
     return sum(parts[name] for name in names[: names.index(wanted)])
 
 
 @inline
 def own_numbers(watched: Watched) -> Any:
-    """Return the prepared numbers of the watched functions for the present sides."""
+    """Return the prepared numbers of the watched functions, for the present sides."""
     return watched.value_numbers[watched.watch.numbers :]
 
 
 @inline
 def side(watched: Watched, block: int, layout: Any) -> Any:
-    """Return one of the blocks `SIGN`, `NEAR`, `STARTING` and `COUNT`, with an entry for each watched function."""
+    """Return block `SIGN`, `NEAR`, `STARTING` or `COUNT` of the sides, with an entry for each watched function."""
     return watched.sides[layout.watched * block :]
 
 
 @inline
 def setting(watched: Watched, block: int, place: int, layout: Any) -> Any:
-    """Return one of the settings of a watched function."""
+    """Return the setting in block `block` of watched function number `place`."""
     return watched.settings[place + layout.watched * block]
 
 
 @inline
 def is_event(watched: Watched, place: int) -> bool:
-    """Return whether a watched function is an event function, not a surface."""
+    """Return True if watched function number `place` is an event function, not a surface."""
     return place >= watched.watch.surfaces
 
 
 @inline
 def counts_as_event(watched: Watched, place: int, direction: int, layout: Any) -> Any:
-    """Return whether a zero of an event function in a direction counts as an event."""
+    """Return True if a zero of an event function in a direction counts as an event."""
     counted = setting(watched, DIRECTION, place, layout)
     return counted == 0 or counted == direction
 
 
 @inline
 def is_last(watched: Watched, place: int, count: int, layout: Any) -> Any:
-    """Return whether the run ends when an event function has this number of events."""
+    """Return True if the run ends when an event function has had `count` events."""
     terminal = setting(watched, TERMINAL, place, layout)
     return terminal > 0 and terminal <= count
 
 
 @inline
 def restore_sides(watched: Watched, layout: Any) -> None:
-    """Restore the sides before a step that is not proven, and drop its events."""
+    """Restore the sides before the unproven step, and drop its events."""
     watch, size = watched.watch, layout.watched * SIDES
     if watch.unproven != 0:
         for i in range(size):
@@ -274,7 +282,7 @@ def restore_sides(watched: Watched, layout: Any) -> None:
 
 @inline
 def write_event(watched: Watched, slot: int, t: float, place: int, layout: Any) -> Any:
-    """Write the time and the index of an event; return the memory for its state."""
+    """Write the time and the index of an event. Return the memory for its state."""
     watched.event_times[slot] = t
     watched.event_places[slot] = place
     return watched.event_states[slot * layout.dimension :]
@@ -301,7 +309,7 @@ class Arguments:
     """The `Watched` functions, or None."""
 
     projection: Any
-    """The function of the corrections onto the constraints, None without constraints."""
+    """The function of the corrections onto the constraints; None without constraints."""
 
     projection_numbers: Any
     work: Out
@@ -310,7 +318,7 @@ class Arguments:
 
 
 def arguments(layout: TaylorLayout) -> Bundle:
-    """Return the type of the arguments for a layout."""
+    """Return the type of an `Arguments` parameter for a layout."""
     types: dict[str, Stated] = {
         "jet": JET,
         "floors": floors_type(layout),
@@ -333,7 +341,7 @@ def watched_of(given: Arguments) -> Any:
 
 @inline
 def numbers_of(given: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
-    """Return the prepared numbers of the series: with switching surfaces, those for the present sides."""
+    """Return the prepared numbers of the series; with switching surfaces those for the present sides."""
     if given.watched is None or layout.observes:
         return given.prepared, given.constants
     place = given.watched.watch.numbers
