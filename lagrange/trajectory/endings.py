@@ -1,4 +1,4 @@
-"""Detect and explain ends of runs: lost inertia, dependent constraints, ends of tables, passages without a motion."""
+"""Detect and explain ends of runs: lost inertia, dependent constraints, ends of tables, points without a motion."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6
-"""Distance, as a fraction of the run, at which the right-hand side is evaluated after a step that shrank to nothing.
-
-It shows whether the equations have a value there.
+"""Distance, as a fraction of the run, at which the right-hand side is evaluated after the step became too small. It
+shows whether the equations have a value there.
 """
 
 
 def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
-    """Return the right-hand side a little ahead, for a run of a length; ones if the mass matrix is singular there.
+    """Return the right-hand side (2n,) a little ahead in a run of a length; ones for a singular mass matrix.
 
-    Near the edge of the domain of a root or a logarithm, steps shrink before anything is NaN.
+    Near the edge of the domain of a root or a logarithm, steps become small before anything is NaN.
     """
     kernel, h = model.kernel("rhs"), DOMAIN_PROBE * length
     with np.errstate(all="ignore"):
@@ -42,14 +41,14 @@ def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, l
 
 
 LOST_INERTIA = 2.0**-20
-"""Fraction of the smallest inertia at the start below which a motion has lost its inertia.
-
-Accelerations grow without bound there, and steps become too small at 1e-8 to 1e-11 (eight systems, four methods).
+"""Fraction of the smallest inertia at the start below which a motion has lost its inertia. Accelerations then grow
+without bound; steps become too small at 1e-8 to 1e-11 (eight systems, four methods).
 """
 
 DOMINANT_SHARE = 0.5
-"""The run ends for lost inertia if the motion without inertia makes at least this share of the accelerations. In a fall
-to the centre of polar coordinates its share is zero."""
+"""The run ends for lost inertia if the motion without inertia has at least this share of the accelerations. In a fall
+to the centre of polar coordinates its share is zero.
+"""
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
@@ -79,15 +78,15 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends where constraints become dependent, or a motion without inertia, or ""."""
+    """Return the message for a run that ends because constraints become dependent or inertia is lost, else ""."""
     here = regularity(problem.model, problem.parameter_array, (problem.t0, problem.y0), (t, y))
     return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
 
 
 def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
-    """Return the message for a run that ends at a state (2n,) where constraints, or the inertia, are nearly singular.
+    """Return the message for a run that ends at a state (2n,) with nearly singular constraints or inertia.
 
-    `share` is the least singular value relative to the start; `found` has the constraints or the motion.
+    `share` is the least singular value relative to the start. `found` has the constraints or the motion.
     """
     place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
@@ -108,7 +107,7 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) where motions cross and its errors choose one."""
+    """Return the message for a run that ends at a state (2n,) where motions cross, and errors would choose one."""
     place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     names = problem.model.equations.constraints.names
     return (
@@ -118,7 +117,7 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
-    """Return True if the acceleration at a state is mostly along `null` (n,), by the `metric` (n,) of the inertia."""
+    """Return True if the acceleration at a state is mostly along `null` (n,), in the metric (n,) of the inertia."""
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
     except SingularMassMatrix:
@@ -128,14 +127,13 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
 
 
 NEAR_TABLE_END = 1e-6
-"""Distance from the end of a table, as a fraction of its range, at which a failed run counts as at the end.
-
+"""Distance from the end of a table, as a fraction of its range, at which a failed run counts as ended by the table.
 Adaptive steps come closer.
 """
 
 
 def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
-    """Return a sentence if a state (2n,), or the state one step later, leaves the range of a table, else ""."""
+    """Return a sentence if a state (2n,), or the state one step later, is outside of the range of a table, else ""."""
     model, statement = problem.model, problem.model.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
     tables = dict.fromkeys(table for expression in stated for table in ranges(expression))
@@ -160,9 +158,8 @@ AT_THE_END = 1e-6
 """Last fraction of a step that counts as its end, where steps of series end on known surfaces."""
 
 STEPS_AHEAD, PLACES_AHEAD, MUCH_NEARER = 2.0, 65, 0.1
-"""Search for a crossing after a failed step: distance in steps, number of points, and the required decrease.
-
-A crossing is a point where the least singular value of the constraints falls to this fraction of its first value.
+"""Search for a crossing after a failed step: distance in steps, number of points, and the required decrease. A crossing
+is a point at which the least singular value of the constraints is below this fraction of its first value.
 """
 
 
@@ -183,8 +180,8 @@ def until_dependent(
 def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
     """Return a run cut at the last state before a discontinuity of its constraints.
 
-    A step of a `series` that ends there is kept: it is the motion up to the discontinuity, even if the projection
-    moves its end.
+    A step of a `series` that ends there is kept: it is the motion up to the discontinuity, even if the projection moves
+    its end.
     """
     steps = found.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
@@ -198,7 +195,7 @@ def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinui
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for a run whose equal steps fail because a crossing of motions is ahead, else ""."""
+    """Return the message for a run whose equal steps fail because motions cross ahead, else ""."""
     model, parameters = problem.model, problem.parameter_array
     if not len(model.equations.constraints):
         return ""
@@ -220,23 +217,22 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 def _shortened(
     problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
 ) -> Trajectory:
-    """Return a run cut at a time and a state, with the status SINGULAR."""
+    """Return a run cut at a time and a state, with the status SINGULAR and a `detail`."""
     t, y = end
     told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
     return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)
 
 
 CLEAR = 1e-5
-"""A contact is clearly on a side where its value is more than this fraction of the largest of all contacts.
-
-Bodies that rest side by side drift apart, or into one another, by the error of a step: 1e-9 of it and less.
+"""A contact is clearly on one side if its value exceeds this fraction of the largest of all contacts. Bodies that rest
+side by side move apart, or into one another, by the error of a step: at most 1e-9 of it.
 """
 
 _GAP = "Bodies that touch need a small gap between them, such as a millionth of their distance."
 
 
 def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run with a note on contacts that act at the same time; UNRELIABLE if one let a body through."""
+    """Return a run with a note on contacts that act at the same time; UNRELIABLE if a body passed through one."""
     contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
     if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
         return trajectory
@@ -266,7 +262,7 @@ def _coincide(times: Sequence[FloatArray]) -> bool:
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
-    """Return the index of the first contact that lets the motion through at only some of its zeros, or None."""
+    """Return the index of the first contact that the motion passed at some of its zeros only, or None."""
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     t, y = _between_impacts(trajectory, contacts, forward)
     nodes = tuple(model.equations.translate(problem.events[i].expression) for i in contacts)
@@ -281,14 +277,14 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
             # A contact that starts at zero is on its free side.
             free, counts = np.append(True, free), np.append(0, counts)
         acts, passes = np.diff(counts), free[:-1] & ~free[1:]
-        # A reset that is meant to let the motion through acts once for each passage.
+        # A reset that intentionally lets the motion through acts once for each passage.
         if passes.any() and acts[free[:-1]].sum() > passes.sum():
             return i
     return None
 
 
 def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
-    """Return the output times and midpoints between impacts, (k,), and the states at them, (2n, k)."""
+    """Return the output times and midpoints between impacts, (k,), and the states there, (2n, k)."""
     impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
     t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
@@ -300,15 +296,15 @@ STANDING = 2.0**-42
 """Relative change of a coordinate over the run below which it may be unresolved: a thousand spacings of doubles."""
 
 ROUGH = 2.0**-8
-"""Change of forces by one spacing of a coordinate, relative to their variation, from which they are unresolved.
-
-The variation is that over displacements up to 2**-12 of the coordinate. Smooth forces change by 2**-40 of it. At theta
-= 1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth.
+"""Change of forces by one spacing of a coordinate, relative to their variation, above which they are unresolved. The
+variation is that over displacements up to 2**-12 of the coordinate. Smooth forces change by 2**-40 of it. At theta =
+1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth.
 """
 
 ROUNDING_PART = 2.0**-46
-"""Fraction of the largest acceleration below which a change is rounding: 64 units of round-off. An acceleration that is
-zero changes by that much."""
+"""Fraction of the largest acceleration below which a change is rounding: 64 units. An acceleration of zero may change
+by that much.
+"""
 
 NEIGHBOURS, OCTAVES = 8, 40
 """Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""

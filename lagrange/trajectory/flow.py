@@ -1,4 +1,4 @@
-"""The flow of a model as a plain function of the initial state, for shooting, maps and benchmarks."""
+"""The flow of a model as a function of the initial state, for shooting, maps and benchmarks."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ FIRST_STEPS = 1024
 """Number of steps before the first test of the pace of a run: one second for interpreted steps."""
 
 HOPELESS = 4.0
-"""Multiple of max_steps that an adaptive run may need, at its pace so far, before it is given up."""
+"""An adaptive run is stopped if it needs more than this multiple of max_steps, at its pace so far."""
 
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """The driver and its state, one of each per thread."""
+    """The driver and its state; each thread has its own."""
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
@@ -55,7 +55,7 @@ class _Prepared(threading.local):
 class Flow:
     """Function of (y0, t0, t1, parameters) that returns the state (2n,) at t1 of the run from (t0, y0).
 
-    For a list of N times in place of t1 it returns the states at them, (2n, N). Threads may share a flow.
+    For a list of N times in place of t1 it returns the states (2n, N) at these times. Threads may share a flow.
     """
 
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
@@ -83,10 +83,10 @@ class Flow:
         )
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
-        # Only a run handles events, switching surfaces and discontinuous constraints: then each call is a run.
+        # Events, switching surfaces and discontinuous constraints require a whole run: then each call is a run.
         handled = plan is None or plan.watched or bool(model.statement.contacts) or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
-        # Equal steps are not shortened towards a crossing of motions, and runs do not look for one either.
+        # Equal steps are not shortened towards a crossing of motions, and runs do not search for one either.
         self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
 
     def __repr__(self) -> str:
@@ -98,11 +98,11 @@ class Flow:
     def __call__(
         self, y0: ArrayLike, t0: float, t1: ArrayLike, parameters: Mapping[Any, Any] | FloatArray | None = None
     ) -> FloatArray:
-        """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there.
+        """Return the state at t1, (2n,). Raises RunError with the message of a run that does not reach it.
 
-        If t1 is a list of N times, sorted in the direction of the run, the result has the states at them, (2n, N).
-        `parameters` is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start
-        that is off the constraints by rounding is moved onto them; beyond that StatementError names the constraint.
+        If t1 is a list of N times, sorted in the direction of the run, the result are the states (2n, N). `parameters`
+        is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start that misses
+        the constraints by rounding is moved onto them. Beyond that StatementError names the constraint.
         """
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()
@@ -139,7 +139,7 @@ class Flow:
         return state.y.copy() if known else self._by_run(start, t0, t1, parameters)[:, -1].copy()
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
-        """Return the last of some output times, and all. Raises StatementError for times that are not sorted."""
+        """Return the last of the output times, and all of them. Raises StatementError for times that are not sorted."""
         last = real_array(times, "the times").ravel()[-1:]
         t1 = float(last[0]) if last.size else t0
         checked = output_times(times, t0, t1, self._dimension)
@@ -154,7 +154,7 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray,
     ) -> FloatArray:
-        """Return the states at output times (2n, N), which the steps of the driver write."""
+        """Return the states (2n, N) at output times, which the driver writes during its steps."""
         state.outputs = outputs = Outputs(times, self._dimension)
         try:
             if self._to_end(driver, state, parameters):
@@ -180,10 +180,7 @@ class Flow:
     def _over_no_crossing(
         self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
     ) -> bool:
-        """Advance to the end of a run.
-
-        The result is True if the end was reached, without a crossing of motions before it.
-        """
+        """Advance to the end of a run. Return True if it was reached without a crossing of motions before it."""
         passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
         passed.begin(start)
         counts[DriverState.RECORD] = 1
@@ -231,7 +228,7 @@ class Flow:
         return local.driver, local.state
 
     def _fresh(self, plan: Plan) -> DriverState:
-        """Return a new driver state, for a run from 0 to 1. Every run of the flow starts from a copy of its values."""
+        """Return a new driver state, for a run from 0 to 1. Every run of the flow starts from a copy of it."""
         state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
         state.counts[:] = 0
         self._first = state.reals.copy()
@@ -243,7 +240,7 @@ class Flow:
         reals[DriverState.T] = reals[DriverState.START] = t0
         reals[DriverState.END] = t1
         if settings.step:
-            # The default step is a fraction of the span, and was prepared for a span of 1.
+            # The default step is a fraction of the span; it was prepared for a span of 1.
             whole = abs(t1 - t0) if self._problem.step is None and settings.notes else 1.0
             size = settings.step * whole
             reals[DriverState.H] = reals[DriverState.STEP] = size if t1 >= t0 else -size
@@ -260,9 +257,9 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray | None = None,
     ) -> FloatArray:
-        """Return states (2n, N) of a run by the integrator, the last of them at t1.
+        """Return states (2n, N) of a run by the integrator, the last at t1. With `times` they are those at these times.
 
-        With `times` they are the states at these. Raises RunError with the message of a run that failed.
+        Raises RunError with the message of a run that failed.
         """
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)

@@ -1,4 +1,4 @@
-"""The protocol of all integrators: those of this package, of SciPy and of users; the options of a run as given."""
+"""The protocol of all integrators (of this package, of SciPy and of users), and the options of a run as stated."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from lagrange.statement.number import flag, real_array, real_number, whole_numbe
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FLOOR_SHARE = 1e-3
-"""Without an absolute tolerance, that of an entry is RTOL times this share of its largest size in the run.
-
-It is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
-same steps. A share of 1 would lose three digits of a comet that comes a thousand times nearer to the sun; a share of 0
-would follow entries that have decayed to round-off. For sizes near 1 the default is an absolute tolerance of 1e-12.
+"""Without a stated absolute tolerance, that of an entry is RTOL times this fraction of its largest size in the run. It
+is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
+same steps. A fraction of 1 would lose three digits of a comet that comes a thousand times nearer to the sun. A fraction
+of 0 would follow entries that have decayed to rounding. For sizes near 1 the default is an absolute tolerance of 1e-12.
 """
 
 LEAST_SHARE = 2.0**-52
@@ -39,9 +38,9 @@ LEAST_ATOL = 1e-300
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.
 
-    These are the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
-    absolute tolerance of an entry is at least that share of its largest size so far: it follows the scale, and `atol`
-    is its first value. A driver uses `margin` times the tolerances.
+    They are the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
+    absolute tolerance of an entry is at least that fraction of its largest size so far: it follows the scale, and
+    `atol` is its first value. A driver uses `margin` times the tolerances.
     """
 
     rtol: float = 0.0
@@ -63,12 +62,12 @@ class Tolerances:
 
 
 MAX_STEPS = 10_000_000
-"""Largest number of trial steps of a run, accepted or not; the states of a double pendulum then take 0.4 GB."""
+"""Largest number of trial steps of a run, accepted or not. The states of a double pendulum then take 0.4 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunOptions:
-    """The options of `lagrange.integrate` as given; None leaves the choice to the method or the scene."""
+    """The options of `lagrange.integrate`. None means that the method or the scene chooses."""
 
     method: Any = None
     rtol: float | None = None
@@ -83,17 +82,20 @@ class RunOptions:
 
     @property
     def step_limit(self) -> int:
-        """The most trial steps. Raises StatementError if it is not a whole number of at least 1."""
+        """Largest number of trial steps. Raises StatementError if it is not a whole number of at least 1."""
         return MAX_STEPS if self.max_steps is None else whole_number(self.max_steps, "max_steps", 1)
 
     @property
     def wall_limit(self) -> float | None:
-        """The most seconds of the run. Raises StatementError if it is not a positive number."""
+        """Time limit of the run in seconds, or None. Raises StatementError if it is not a positive number."""
         return _positive(self.max_wall, "max_wall", "seconds")
 
     @property
     def memory_limit(self) -> float | None:
-        """The most bytes that the run may keep. Raises StatementError if it is not a positive number."""
+        """Largest number of bytes that the run may store, or None.
+
+        Raises StatementError if it is not a positive number.
+        """
         return _positive(self.max_memory, "max_memory", "bytes")
 
 
@@ -112,12 +114,12 @@ def _positive(limit: float | None, name: str, unit: str) -> float | None:
 
 @dataclass(frozen=True)
 class Claims:
-    """The properties that a method claims; tests check them for every registered method.
+    """The properties that a method claims. Tests check them for every registered method.
 
-    `symplectic` holds for systems with a constant mass matrix, for methods of the law of momenta for all systems
-    without constraints, and for those with multipliers also with constraints on coordinates. `symmetric`: a step of -h
-    undoes a step of h. `energy`: the energy of a conservative system is conserved to round-off. `events`: the method
-    locates events. `dense` is the order of the dense output.
+    `symplectic` holds for systems with a constant mass matrix; for methods of the law of momenta for all systems
+    without constraints; for those with multipliers also with constraints on coordinates. `symmetric`: a step of -h
+    reverses a step of h. `energy`: the energy of a conservative system is conserved up to rounding. `events`: the
+    method locates events. `dense` is the order of the dense output.
     """
 
     order: int
@@ -139,16 +141,16 @@ class Claims:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One initial value problem: y' = f(t, y) from (t0, y0) to t1, which may lie before t0.
+    """One initial value problem: y' = f(t, y) from (t0, y0) to t1, which may be before t0.
 
-    `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
-    and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
-    user left the choice to the method. `max_steps` is the largest number of tried steps, accepted or not, and
-    `max_wall` the time limit in seconds. `max_memory` is the largest number of kept bytes, None for a quarter of the
-    machine's memory. `began` is the time of the request by `time.perf_counter`. `events` are checked against the
-    model's statement. `progress` is called with the time reached, several times during the run. `whole` is the problem
-    of the whole run if this one is a segment of it: messages state its span and limits. `largest` (2n,) are then the
-    largest absolute values of the entries in the run so far.
+    `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run and
+    within the span, or None for every accepted step. `step`, `rtol` and `atol` are None if the method chooses.
+    `max_steps` is the largest number of trial steps, accepted or not, and `max_wall` the time limit in seconds.
+    `max_memory` is the largest number of stored bytes, None for a quarter of the machine's memory. `began` is the time
+    of the request by `time.perf_counter`. `events` are checked against the model's statement. `progress` is called
+    several times during the run with the time that it has reached. `whole` is the problem of the whole run if this one
+    is a segment: messages state its span and limits. `largest` (2n,) are then the largest absolute values of the
+    entries in the run so far.
     """
 
     model: Model
@@ -191,7 +193,7 @@ class Problem:
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Run a problem. Raises StatementError if a method of a user does not return a trajectory."""
+    """Run a problem. Raises StatementError if a user's method does not return a trajectory."""
     trajectory: Any = integrator.integrate(problem)
     if not isinstance(trajectory, Trajectory):
         raise StatementError(
@@ -201,9 +203,9 @@ def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
 
 
 class Integrator(Protocol):
-    """An object that turns a `Problem` into a `Trajectory`.
+    """Protocol of an object that turns a `Problem` into a `Trajectory`.
 
-    A failure during the run raises no error: the trajectory then has the states until the failure, with a status and a
+    A failure during the run raises no error: the trajectory then has the states up to the failure, with a status and a
     message that names time and coordinate. Raises StatementError for a request that the method does not support.
     """
 
@@ -220,6 +222,6 @@ class Integrator(Protocol):
 
 
 def method_repr(method: Integrator, **options: float | None) -> str:
-    """Return the repr of a method: its name, order and the options that were given, not its coefficients."""
+    """Return the repr of a method: its name, order and the options that are set, without coefficients."""
     given = "".join(f", {name} = {shown(value)}" for name, value in options.items() if value is not None)
     return f"<{method.name}: a method of order {method.claims.order}{given}>"

@@ -1,4 +1,4 @@
-"""The message at the end of a run: how far it got, which coordinate failed, why, and the remedy."""
+"""The message at the end of a run: the time, the coordinate that failed, the cause, and the remedy."""
 
 from __future__ import annotations
 
@@ -51,16 +51,15 @@ LOOSE_RTOL = 1e-5
 """Smallest rtol at which errors may lead a run into a singularity that the exact motion does not reach."""
 
 BLOW_UP_GROWTH = 1e6
-"""Growth of a state that counts as a blow-up. Smaller steps may show that the exact motion stays bounded."""
+"""Growth of a state that counts as a blow-up. Smaller steps may show that the exact motion is bounded."""
 
 SLOW_RESIDUAL = 1e-6
-"""Largest last correction, relative to the unknowns, that means slow convergence of Newton's method.
-
-A larger correction means that the solution is far away.
+"""Largest last correction, relative to the unknowns, at which Newton's method converges slowly. After a larger
+correction the solution is far away.
 """
 
 COARSE_ATOL = 1e3
-"""Ratio of atol to rtol times an entry from which a note mentions it: the entry loses three digits."""
+"""Ratio of atol to rtol times an entry above which a note mentions it: the entry loses three digits."""
 
 CANCELLATION_NOISE = 2.0**-40
 """Fraction of the largest coordinate, or velocity, below which an entry may be round-off."""
@@ -71,7 +70,7 @@ UNITS = "choose units in which its numbers are larger"
 UNPROJECTED = (
     "The state behind the step is so far from the constraints that Newton's method does not bring it back onto them."
 )
-"""The cause where a step cannot be projected onto the constraints."""
+"""The cause if a step cannot be projected onto the constraints."""
 
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
@@ -181,7 +180,7 @@ def unsolved(residual: float) -> str:
 
 
 def outputs_alone(problem: Problem) -> str:
-    """Return the note on a run that kept only its outputs and not its steps."""
+    """Return the note on a run that stored only its outputs and not its steps."""
     return (
         f"The steps of the run took more than max_memory = {number(memory_limit(problem))} bytes, so it kept only the "
         "states at its output times: ask for others in t_eval, or raise max_memory."
@@ -189,14 +188,14 @@ def outputs_alone(problem: Problem) -> str:
 
 
 def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
-    """Return a run over a span as interrupted: Ctrl-C came during the search for the cause of its end."""
+    """Return a run over a span as interrupted: Ctrl-C was pressed during the search for the cause of its end."""
     end = f"at t = {number(run.span[1])} on the way from {number(span[0])} to {number(span[1])}"
     sentence = f"{run.method} {_SENTENCES[Status.INTERRUPTED].format(where=end)}"
     return replace(run, status=Status.INTERRUPTED, message=sentence)
 
 
 def events_fill(problem: Problem) -> str:
-    """Return the cause and the remedy for a run that keeps no steps and has no memory for more events."""
+    """Return the cause and the remedy for a run that stores no steps, and has no memory for more events."""
     return (
         f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
         "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
@@ -219,9 +218,9 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
-    """Return the cause and the remedy where a small entry of the state `y` (2n,) limits the step.
+    """Return the cause and the remedy if a small entry of the state `y` (2n,) limits the step.
 
-    `which` has the row of this entry and the row of the largest of its kind, a coordinate or a velocity; `atol` is the
+    `which` has the row of this entry, and the row of the largest of its kind, a coordinate or a velocity. `atol` is the
     present absolute tolerance of the latter.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
@@ -236,7 +235,7 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
     """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol.
 
-    `states` are (S+1, 2n). An entry that is round-off of the others of its kind is ignored.
+    `states` are (S+1, 2n). An entry that is rounding of the others of its kind is ignored.
     """
     if not status.complete or not tolerances.rtol:
         return
@@ -273,7 +272,7 @@ def row_names(problem: Problem) -> tuple[str, ...]:
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
     """Return the entries of a state that are not finite, else those of its derivative: ``theta_dot is nan``.
 
-    Those of a quaternion count as one, of its rotation.
+    The entries of a quaternion count as one, of its rotation.
     """
     layout, known = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
 
@@ -290,13 +289,13 @@ def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None)
 
 
 def largest(problem: Problem, y: FloatArray) -> str:
-    """Return the largest entry of a state in words: ``x_dot is -1.2e+15``."""
+    """Return a phrase with the largest entry of a state: ``x_dot is -1.2e+15``."""
     row = int(np.argmax(np.abs(y)))
     return f"{row_names(problem)[row]} is {y[row]:.4g}"
 
 
 def number(value: float) -> str:
-    """Return a number for a sentence, with six digits at most."""
+    """Return a number for a sentence, with at most six digits."""
     return f"{value:.6g}"
 
 

@@ -1,7 +1,7 @@
-"""Runs that approach a state with dependent constraints in ever more steps, and never reach it.
+"""Runs that approach a state with dependent constraints in ever shorter steps, and never reach it.
 
-A mass on a rod that shrinks to a point turns faster and faster. If r is the length of the rod, a step takes a time of
-order r**2, and a run needs about 1/r steps to reach the length r.
+An example is a mass on a rod whose length r shrinks to zero: it turns faster and faster. A step takes a time of order
+r**2, and a run needs about 1/r steps to reach the length r.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 
 FIRST_TEST = 2**18
-"""Number of steps before the first test of a run. Each next test is after twice as many. A test takes 0.1 ms."""
+"""Number of steps before the first test of a run. Each further test is after twice as many steps. A test takes 0.1 ms.
+"""
 
 SLOWER, NEARER = 0.75, 0.75
-"""Largest ratios of times and of distances to the singular state, at successive tests.
-
-Each test is after twice as many steps as the last. If both ratios are smaller, the run does not reach the state. With
-steps of equal time the first ratio is 2."""
+"""Largest ratios of times, and of distances to the singular state, at successive tests. The number of steps doubles
+from test to test. If both ratios are smaller, the run does not reach the state. With steps of equal time the first
+ratio is 2.
+"""
 
 NEARLY_DEPENDENT = 1e-2
 """Constraints are nearly dependent if their least singular value is at most this fraction of its value at the start."""
@@ -28,7 +29,7 @@ State = tuple[float, FloatArray]
 
 
 def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
-    """Return the regularity of M and G at a state, relative to the start, and the singular matrix; None if unknown."""
+    """Return the least singular value of M and G at a state, relative to the start, and its matrix; None if unknown."""
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
@@ -39,7 +40,7 @@ def regularity(model: Model, parameters: FloatArray, start: State, here: State) 
 
 
 class Approach:
-    """Tests, at some steps, whether a run with constraints approaches a singular state without reaching it."""
+    """Test, made after some steps, whether a run with constraints approaches a singular state without reaching it."""
 
     def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
         self.model, self.parameters, self.start = model, parameters, start
@@ -48,7 +49,7 @@ class Approach:
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
-        """Return the regularity of a run near a singular state, and the singular matrix; None for other runs."""
+        """Return the regularity of a run that ends near a singular state, and the singular matrix; else None."""
         steps = int(state.integers[DriverState.STEPS])
         if steps < self.next_test:
             return None

@@ -1,4 +1,4 @@
-"""Initial states on the constraints: states off by rounding are projected, other states refused."""
+"""Initial states on the constraints: states that miss them by rounding are projected, others refused."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
-"""A run is unreliable if a constraint at its end is violated by more than this fraction of its terms.
-
-The violation grows to 1e-9 to 1e-5 over a run at default tolerances. A passed corner, or a reset, leaves 1e-1.
+"""A run is unreliable if a constraint at its end is violated by more than this fraction of its terms. At default
+tolerances the violation grows to 1e-9 to 1e-5 over a run. A corner that a step has passed, or a reset, leaves 1e-1.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Consistent:
-    """A state on the constraints: `initial` has a value for every coordinate and velocity, as `run` takes it.
+    """A state on the constraints, returned by `System.consistent`.
 
-    `moved` is the largest change, and `entry` its coordinate or velocity, None if nothing moved. `changes` has the
-    changes of all entries.
+    `initial` has a value for every coordinate and velocity, as `run` takes it. `moved` is the largest change, and
+    `entry` its coordinate or velocity, None if nothing moved. `changes` has the changes of all entries.
     """
 
     initial: Mapping[Any, float]
@@ -54,7 +53,7 @@ def _label(symbol: Any) -> str:
 def consistent(
     model: Model, initial: Mapping[Any, Any] | None, hold: Any, parameters: Mapping[Any, Any] | None, t: float
 ) -> Consistent:
-    """Return the nearest state on the constraints, as a record in the user's symbols; see `System.consistent`."""
+    """Return the nearest state on the constraints, with the user's symbols, for `System.consistent`."""
     statement = model.statement
     time = real_number(t, "the time t")
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
@@ -71,7 +70,7 @@ def consistent(
 
 
 def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
-    """Return the rows of the state that stay fixed; `hold` lists coordinates and velocities."""
+    """Return the rows of the state that stay fixed. `hold` is a list of coordinates and velocities."""
     rows, listed = state_rows(coordinates), entries(hold, "hold")
     known = [label for label in rows if isinstance(label, str)]
     if listed is None:
@@ -88,10 +87,10 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 def consistent_state(
     model: Model, t: float, y: FloatArray, parameters: FloatArray, held: Sequence[int] = ()
 ) -> FloatArray:
-    """Return the state on the constraints that is nearest to a state. The rows in `held` stay fixed.
+    """Return the state on the constraints that is nearest to a state (2n,). The entries in `held` stay fixed.
 
-    Coordinates move by the least amount, measured by the kinetic energy, then velocities. Raises StatementError if no
-    such state is found.
+    Coordinates move by the least amount, measured by the kinetic energy; then velocities do. Raises StatementError if
+    no such state is found.
     """
     if not len(model.equations.constraints):
         return y.copy()
@@ -101,8 +100,8 @@ def consistent_state(
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the state if it satisfies the constraints, or its projection if it misses them by rounding.
 
-    Velocities of coordinates without inertia are computed if they are zero. Raises StatementError, which names the
-    constraints, for a state that is further away.
+    Velocities of coordinates without inertia are computed if they are zero. For a state that is further away, raises
+    StatementError, which names the constraints.
     """
     if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
         return y
@@ -113,22 +112,23 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return `consistent_start` with coordinates of first order, whose velocities follow from others; else the state.
+    """Return `consistent_start` for a system with coordinates of first order; otherwise the state, unchanged.
 
-    Systems without such coordinates are exported with their initial state as stated.
+    The velocities of such coordinates follow from other entries. Systems without them are exported with their initial
+    state as stated.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
 
 START_CORRECTIONS = 20
-"""Largest number of Newton corrections of velocities. Equations linear in them take one."""
+"""Largest number of Newton corrections of velocities. Equations that are linear in the velocities take one."""
 
 
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return states (2n, k) with the velocities of coordinates without inertia that follow from the other entries.
+    """Return states (2n, k) with the velocities of coordinates without inertia computed from the other entries.
 
-    The system has no other constraints. Columns without such velocities are NaN. Raises RunError where an equation
-    determines none.
+    The system has no other constraints. Columns in which such velocities do not exist are NaN. Raises RunError if an
+    equation determines none.
     """
     if not model.equations.first_order:
         return y
@@ -144,7 +144,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
 
 
 def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
-    """Return a warning for a run of a duration that ends at a state which violates a constraint, or ""."""
+    """Return a warning for a run of a duration that ends at a state (2n,) off the constraints, else ""."""
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
     if corner is not None:
@@ -164,7 +164,7 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
-    """Return a note for a run whose initial state was moved onto the constraints, or ""."""
+    """Return a note for a run whose initial state was moved onto the constraints, else ""."""
     entered = model.layout.v.start + np.array(model.equations.first_order, dtype=int)
     changes = np.abs(after - before)
     changes[entered[before[entered] == 0.0]] = 0.0
@@ -178,9 +178,9 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
 
 
 def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
-    """Return True if coordinates satisfy the constraints, and their velocities violate them only by rounding.
+    """Return True if coordinates satisfy the constraints, and their velocities violate them by rounding only.
 
-    Such velocities move no coordinate by more than round-off in the duration. In a structure that cannot move all
+    Such velocities move no coordinate by more than rounding in the duration. In a structure that cannot move, all
     velocities are rounding errors, and so are the terms that contain them.
     """
     units, q = units_of(at.metric(y)), y[at.model.layout.q]

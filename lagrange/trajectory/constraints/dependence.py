@@ -22,16 +22,18 @@ NEARBY_SAMPLES = 4
 """Number of sample states around a state."""
 
 CLEARLY = 1e-4
-"""Constraint gradients are surely independent if their least singular value exceeds this fraction of the largest. A
-typed start is rounded to 1e-6, and then dependent rows differ by as much."""
+"""Constraint gradients are certainly independent if their least singular value exceeds this fraction of the largest. A
+start that the user types is rounded to 1e-6, and then dependent rows differ by as much.
+"""
 
 VANISHING_RATIO = 1e-3
-"""A constraint gradient vanishes if it shrinks to this fraction between the samples; the gradient of a square keeps
-1e-6 / AROUND."""
+"""A constraint gradient vanishes if its size decreases to this fraction between the samples. The gradient of a squared
+constraint decreases to 1e-6 / AROUND.
+"""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the rows that are dependent at a state and at all nearby states on the constraints, or None."""
+    """Return the rows of G that are dependent at a state (2n,) and at all nearby states on the constraints, or None."""
     projection, first = Projection(model, t, parameters), None
     units = units_of(projection.metric(y))
     random, (q, v) = np.random.default_rng(11), model.layout.split(y)
@@ -41,7 +43,7 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
         reached = projection.reached(state)
         if reached is None:
             continue
-        # A state on the surface is compared with a nearby one off it.
+        # A state on the constraint surface is compared with a nearby state off it.
         off = tried[1] if state is y else state
         found = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
         if found is None:
@@ -52,13 +54,14 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 _INDEPENDENT: WeakKeyDictionary[Model, bytes] = WeakKeyDictionary()
 """For each model the parameters for which its constraints were last found independent, at a state that satisfies them.
-With the same parameters they are not dependent everywhere on the surface; with other parameters they may be."""
+With the same parameters they are not dependent everywhere on the surface. With other parameters they may be.
+"""
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
     """Raise StatementError if constraints are dependent at a start and everywhere around it.
 
-    There rounding may make their derivatives look independent, with multipliers of 1e16. Only the first start for each
+    Then rounding may make their derivatives look independent, with multipliers of 1e16. Only the first start for each
     set of parameters is tested.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
@@ -69,9 +72,9 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return whether the rows of G are independent at a state, and not much smaller than at a nearby one.
+    """Return True if the rows of G are independent at a state, and not much smaller than at a nearby one.
 
-    It takes 0.02 ms for a four-bar linkage, while `dependence_around` takes 0.8 ms and decides the doubtful states.
+    This takes 0.02 ms for a four-bar linkage. `dependence_around` takes 0.8 ms, and decides the remaining states.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()
@@ -88,7 +91,10 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
 
 
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent at a state without accelerations and everywhere around it."""
+    """Raise StatementError if constraints are dependent at a state and everywhere around it.
+
+    It has no accelerations.
+    """
     found = dependence_around(model, t, y, parameters)
     if found is not None:
         allowed = model.statement.redundant != REFUSE
@@ -96,15 +102,15 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the dependent rows of G at a state, or None if they are independent."""
+    """Return the dependent rows of G at a state (2n,), or None if they are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
-    # The masses do not matter here, so the mass matrix is the identity.
+    # Masses do not matter here, so the metric is the identity.
     found = least_regular(np.eye(gradient.shape[1]), gradient)
     return found if found is not None and found.rows and found.regularity <= DEPENDENT else None
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a row that is much smaller on the surface than off it, as for the square of a constraint, or None."""
+    """Return a row of G that is much smaller on the surface than off it, as for a squared constraint, or None."""
     before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
     which = np.flatnonzero(here < VANISHING_RATIO * before)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None

@@ -1,9 +1,9 @@
 """Search a run for steps on which a constraint jumps, has a corner, or restricts nothing, so that no motion continues.
 
-The velocities of a motion on y = abs(x) jump at x = 0, and the constraint does not define them after the corner. A step
-over such a corner is projected onto the constraints on its other side, without any error. A constraint that is
-nonlinear in the velocities restricts nothing where all its derivatives by them vanish: where x.dot**2 + y.dot**2 =
-(1 - t)**2 reaches 0, every direction is open.
+Velocities on y = abs(x) jump at x = 0, and the constraint does not define them after the corner. A step over such a
+corner is projected onto the constraints on the other side, without any error. A constraint that is nonlinear in the
+velocities restricts nothing where all its derivatives by them are zero: where x.dot**2 + y.dot**2 = (1 - t)**2 reaches
+0, every direction is possible.
 """
 
 from __future__ import annotations
@@ -24,33 +24,34 @@ from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
 
 HALVINGS = 50
-"""Number of bisections that locate the zero of a surface on the chord of a step to the spacing of doubles."""
+"""Number of bisections that locate the zero of a surface on the chord of a step, to the spacing of doubles."""
 
 SURFACE_DISTANCE = 1e-6
 """Distance before and after a surface at which constraints are compared, as a fraction of the step."""
 
 CONTINUOUS = 4.0
-"""A constraint jumps if it changes over a surface by more than this many times the change over an equal distance."""
+"""A constraint jumps if its change over a surface exceeds this multiple of its change over an equal distance nearby."""
 
 LONGEST_SURFACE = 80
 """Longest expression that a message shows, in characters."""
 
 CHANGE_NOISE = 1e-9
-"""A change below this fraction of the terms is rounding: the place of the surface is known to 1e-15 of the step."""
+"""A change below this fraction of the terms is rounding: the point of the surface is known to 1e-15 of the step."""
 
 VANISHING_GRADIENT = 1e-2
-"""Largest row of G, relative to its size at the ends of a step, that counts as vanishing. The rows at both ends must be
-parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
+"""Largest row of G, relative to its size at the ends of a step, that counts as zero. The rows at both ends must be
+parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns.
+"""
 
 SEARCH_AHEAD = 1e-6
-"""Fraction of the run, ahead of a step that shrank to nothing, in which a discontinuity is searched."""
+"""Distance, as a fraction of the run, that is searched for a discontinuity after steps became too small."""
 
 
 @dataclass(frozen=True, eq=False)
 class Discontinuity:
     """A discontinuity at the fraction `part` of the step from the state (t, y) to the time `after`.
 
-    `what` is the message. `steps` is the number of steps from that state to the last one that was searched.
+    `what` is the message. `steps` is the number of steps from that state to the last state that was searched.
     """
 
     t: float
@@ -62,7 +63,7 @@ class Discontinuity:
 
 
 class Discontinuities:
-    """Search for discontinuities in runs of one model with some parameters."""
+    """Search for discontinuities in runs of one model with given parameters (k,)."""
 
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
         self.model, self.parameters, self.span = model, parameters, span
@@ -71,7 +72,7 @@ class Discontinuities:
 
     @classmethod
     def of(cls, model: Model, parameters: FloatArray, span: float) -> Discontinuities | None:
-        """Return the search for runs over a span of time, or None if the constraints have no discontinuities."""
+        """Return the search for runs of duration `span`, or None if the constraints have no discontinuities."""
         return cls(model, parameters, span) if may_be_discontinuous(model) else None
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
@@ -84,7 +85,7 @@ class Discontinuities:
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
-        """Return a message on a discontinuity that a state (2n,) reaches within two steps, or very soon, or ""."""
+        """Return a message on a discontinuity that a state (2n,) reaches within two steps or very soon, else ""."""
         h = 2 * step if step else SEARCH_AHEAD * self.span
         try:
             slope = self.model.kernel("rhs")(t, y, self.parameters)
@@ -96,7 +97,7 @@ class Discontinuities:
         return "" if found is None else found.what
 
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first surface after which a constraint differs: the row before it, the fraction, and a message."""
+        """Return the first surface at which a constraint jumps: the row before it, part of the step, and a message."""
         g = self.residuals.surfaces(times, states.T, self.parameters)
         begins, ends = g[:, :-1], g[:, 1:]
         reached = np.abs(ends) <= ON_SURFACE * np.abs(begins)
@@ -116,7 +117,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for phi or psi of a constraint (number `which`) that is discontinuous at a surface."""
+        """Return the message for a constraint that is discontinuous at a surface; `which` numbers phi, then psi."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -133,7 +134,7 @@ class Discontinuities:
     def _zeros(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], surfaces: NDArray[np.intp]
     ) -> FloatArray:
-        """Return the fractions of steps at which surfaces are zero, on the chords from some rows to the next."""
+        """Return the fractions at which surfaces are zero on the chords from the `rows` to the next rows."""
         columns = np.arange(len(rows))
 
         def values(parts: FloatArray) -> FloatArray:
@@ -142,7 +143,7 @@ class Discontinuities:
 
         low, high = np.zeros(len(rows)), np.ones(len(rows))
         begin = values(low)
-        # If the step starts on the surface, its start is the zero.
+        # If a step starts on the surface, its start is the zero.
         high[begin == 0] = 0.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -153,7 +154,7 @@ class Discontinuities:
     def _jumping(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
     ) -> NDArray[np.bool_]:
-        """Return which of phi, then psi and G of each constraint, jump at fractions of some steps."""
+        """Return for each step and each of phi, then psi and G of each constraint, True if it jumps at the fraction."""
         before, near, behind, far = (
             _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
             for share in (-2, -1, 1, 2)
@@ -163,7 +164,7 @@ class Discontinuities:
             return over > CONTINUOUS * beside + CHANGE_NOISE
 
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first step on which a velocity-dependent row of G vanishes; see `_switched`."""
+        """Return the first step on which a row of G that depends on velocities is zero, in the form of `_switched`."""
         if not len(self.turning):
             return None
         g = self.residuals.gradients(times, states.T, self.parameters)[self.turning]
@@ -192,7 +193,7 @@ class Discontinuities:
 class _Surface:
     """The constraints at k states, as distances: phi and psi (p + m, k), their terms, and unit rows of G (m, n, k).
 
-    The unit rows make a constraint the same on both sides of a surface if it is only scaled there.
+    With unit rows a constraint that is only scaled on one side of a surface is the same on both sides.
     """
 
     values: FloatArray
@@ -212,7 +213,7 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], places)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the changes of phi, then of psi or G, from these states to others, relative to their terms."""
+        """Return the changes of phi, then of psi or G, from these states to `other`, relative to their terms."""
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
         signs = np.concatenate([signs[self.places], signs])
@@ -225,14 +226,14 @@ _TURNING: WeakKeyDictionary[Model, NDArray[np.intp]] = WeakKeyDictionary()
 
 
 def may_be_discontinuous(model: Model) -> bool:
-    """Return whether constraints of a model have switching surfaces, or rows of G that may vanish."""
+    """Return True if constraints of a model have switching surfaces, or rows of G that may be zero."""
     if not len(model.equations.constraints):
         return False
     return bool(residuals_of(model).switched.stated) or len(_turning(model)) > 0
 
 
 def _turning(model: Model) -> NDArray[np.intp]:
-    """Return the constraints whose row of G depends on velocities."""
+    """Return the indices of the constraints whose row of G depends on velocities."""
     found = _TURNING.get(model)
     if found is None:
         rows = model.equations.constraints.gradient
@@ -242,7 +243,7 @@ def _turning(model: Model) -> NDArray[np.intp]:
 
 
 def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
-    """Return the message for a constraint whose derivatives by the velocities all vanish."""
+    """Return the message for a constraint whose derivatives by the velocities are all zero."""
     return (
         f"{dependent_rows(names, Singular(0.0, rows=((constraint, 1.0),)))} on the step from there, and it does not "
         "say how the motion goes on. End the run before it by an event, or state the constraint in another way."
@@ -252,6 +253,6 @@ def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
 def _chord(
     times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) and states (2n, k) at fractions of the chords from some rows to the next."""
+    """Return times (k,) and states (2n, k) at fractions of the chords from the `rows` to the next rows."""
     t = times[rows] + parts * (times[rows + 1] - times[rows])
     return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

@@ -1,4 +1,4 @@
-"""The nearest point of a surface, in the metric of the kinetic energy."""
+"""The nearest point of a surface, measured by the kinetic energy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lagrange.equations.singular import RANK, balanced
 from lagrange.machine.backend import FloatArray
 
 ON_SURFACE = 2.0**-40
-"""A residual of at most this fraction of its size is round-off: states of doubles are rarely closer to the surface."""
+"""A residual of at most this fraction of its size is rounding: states of doubles are rarely closer to the surface."""
 
 CONVERGED = 2.0**-52
 """A residual of at most this fraction of its size needs no further correction."""
@@ -21,22 +21,23 @@ NEAREST_CORRECTIONS = 60
 """Largest number of corrections. Newton's method converges within ten from a nearby state."""
 
 SHORTEST_SHARE = 2.0**-10
-"""Smallest fraction to which a correction is shortened; if that does not help, the search ends."""
+"""Smallest fraction to which a correction is shortened. If that does not help, the search ends."""
 
 MOST_DESCENTS = 200
-"""Largest number of steps along the surface to the nearest point. Each step multiplies the remaining distance by
-curvature * distance."""
+"""Largest number of steps along the surface to the nearest point. The distance that remains after a step is curvature *
+distance times that before it.
+"""
 
 NEAREST = 1e-9
-"""A point is nearest if the step along the surface is below this fraction of the distance, or is round-off."""
+"""A point is the nearest if the step along the surface is below this fraction of the distance, or is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Residuals of a surface at a point (k,): m values that are zero on it, their gradients (m, k), and their sizes.
 
-    `terms` are the sizes of the terms that cancel in each value. `sizes` are the terms, or the gradient times the sizes
-    of the entries if that is larger: rounding errors of the entries change the values by round-off of `sizes`.
+    `terms` are the sizes of the terms that cancel in each value. `sizes` are the larger of the terms and of the
+    gradient times the sizes of the entries. Rounding of the entries changes a value by the rounding of its size.
     """
 
     values: FloatArray
@@ -56,7 +57,7 @@ Surface = Callable[[FloatArray], Residuals]
 
 
 class Nearest:
-    """Finds the point of a surface that is nearest to a point, in the metric of a symmetric matrix.
+    """Search for the point of a surface that is nearest to a point, in the metric of a symmetric matrix.
 
     Only the `free` entries move. The matrix may be singular if it is definite on the tangents of the surface.
     """
@@ -66,7 +67,7 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the nearest point and its residuals, or the last point if Newton's method does not converge."""
+        """Return the nearest point and its residuals. If Newton's method does not converge, it is the last iterate."""
         x, found = self.restored(start)
         if found.largest > ON_SURFACE:
             return x, found
@@ -86,7 +87,7 @@ class Nearest:
         return x, found
 
     def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return a point of the surface close to a point, by Newton's method with steps of least length."""
+        """Return a point of the surface close to `start`, by Newton's method with shortest steps, and its residuals."""
         x, found = start, self._surface(start)
         for _ in range(NEAREST_CORRECTIONS):
             if not np.isfinite(found.largest) or not np.isfinite(found.gradient).all() or found.largest <= CONVERGED:
@@ -103,7 +104,7 @@ class Nearest:
         return x, found
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d with G d = right that is closest to `towards`, zero if it overflows."""
+        """Return the displacement d with G d = right that is closest to `towards`; zero if it overflows."""
         free, n = self._free, len(self._free)
         gradient = found.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])
@@ -119,6 +120,6 @@ class Nearest:
         return step
 
     def _length(self, displacement: FloatArray) -> float:
-        with np.errstate(over="ignore", invalid="ignore"):  # a start far off has a square beyond the doubles
+        with np.errstate(over="ignore", invalid="ignore"):  # the square of a large distance may overflow
             square = float(displacement @ self._metric @ displacement)
         return math.sqrt(max(square, 0.0)) if not math.isnan(square) else math.inf

@@ -1,8 +1,8 @@
 """Detect runs over a configuration with dependent constraints whose further motion was decided by rounding.
 
-Two motions may cross at such a configuration: a parallelogram linkage continues as one, or with crossed rods. A step
-over the crossing follows the smooth motion. Short steps towards it do not: a violation e of the constraints, from
-rounding and the tolerance, separates the two motions by sqrt(e), and decides which one the run follows. At a least
+Two motions may cross at such a configuration: a parallelogram linkage continues as one, or with crossed rods. A long
+step over the crossing follows the smooth motion; short steps towards it do not. A violation e of the constraints, from
+rounding and the tolerance, separates the two motions by sqrt(e), and decides which of them the run follows. At a least
 singular value s of the constraints, relative to the start, it changes velocities by the fraction e / s**2.
 """
 
@@ -18,60 +18,64 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.constraints.residuals import residuals_of
 
 SHORT_STEP = 0.1
-"""Steps below this fraction of the mean are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of the mean."""
+"""Steps shorter than this fraction of the mean step are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of
+the mean.
+"""
 
 FIRST_STEPS = 3
-"""Number of steps at the start that are ignored: they are short while the step size is sought."""
+"""Number of steps at the start that are ignored, because they are short while the step size is determined."""
 
 SURELY_FAR = 1e2
 """Margin for unit scaling: units change the least singular value of rows by less than this factor, once the rows are
 normalised."""
 
 ON_THE_WAY = 0.1
-"""Largest singular value at the shortest step, relative to the motion, for a search of its neighbours. They may be
-a hundred times as close to the crossing."""
+"""Largest singular value at the shortest step, relative to the motion, for which its neighbours are searched. They may
+be a hundred times as close to the crossing.
+"""
 
 ROWS_AT_ONCE = 32
-"""Number of rows of a series that are evaluated at once. The search then repeats between the neighbours of the best."""
+"""Number of rows of a series of steps that are evaluated at once. The search is then repeated around the best row."""
 
 ONE_BY_ONE = 4
-"""Largest number of gradients that are evaluated faster one by one than together."""
+"""Largest number of gradients for which separate evaluation is faster than joint evaluation."""
 
 MANY_STEPS = 10_000
-"""Runs of at least this many steps always have their shortest step inspected: the cost is small compared with
-theirs."""
+"""In runs of at least this many steps the shortest step is always inspected, because the cost is relatively small."""
 
 DEPENDENCE_FACTOR = 3.0
 """Constraints count as dependent if their least singular value, relative to the start, is below this times the square
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
 MOST_PLACES = 16
-"""Largest number of series of short steps that are inspected, those with the shortest first: each costs some 50 us."""
+"""Largest number of series of short steps that are inspected, from the shortest steps on. Each costs some 50 us."""
 
 STEPS_PER_LOOK = 2**14
-"""Number of steps after which states that are not stored are inspected, with as many before: more than `MANY_STEPS`."""
+"""Number of steps after which states that are not stored are inspected, together with as many before them; more than
+`MANY_STEPS`.
+"""
 
 State = tuple[float, FloatArray]
 """A time and a state (2n,)."""
 
 
 class StatesPassed:
-    """The last accepted states of a motion, at most two times `STEPS_PER_LOOK`, and the one before them."""
+    """The last accepted states of a motion, at most two times `STEPS_PER_LOOK`, and the state before them."""
 
     def __init__(self, dimension: int) -> None:
-        # Drivers write whole blocks, so there are spare rows.
+        # There are spare rows, because drivers write whole blocks.
         rows = 2 * STEPS_PER_LOOK + 6
         self._times, self._states = np.empty(rows), np.empty((rows, dimension))
         self._count = 1
         self._all = self._times[1:], self._states[1:]
 
     def begin(self, start: State) -> None:
-        """Begin at a time and state, without steps."""
+        """Begin a motion at a time and state, without steps."""
         self._times[0], self._states[0] = start
         self._count = 1
 
     def room(self) -> tuple[FloatArray, FloatArray]:
-        """Return the arrays for the times and states of the next `STEPS_PER_LOOK` steps, after dropping the oldest."""
+        """Drop the oldest states; return the arrays for the times and states of the next `STEPS_PER_LOOK` steps."""
         if self._count == 1:
             return self._all
         dropped = self._count - STEPS_PER_LOOK - 1
@@ -82,7 +86,7 @@ class StatesPassed:
         return self._times[self._count :], self._states[self._count :]
 
     def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
-        """Return True if rounding decided the motion in `written` new states; see the docstring of the module."""
+        """Return True if rounding decided the motion within the last `written` states, by `dependent_passage`."""
         self._count += written
         if self._count <= FIRST_STEPS + 2:
             return False
@@ -100,16 +104,16 @@ def dependent_passage(
     *,
     stopped: bool = False,
 ) -> tuple[int, Singular] | None:
-    """Return the last row of times (S+1,) and states (S+1, 2n) before constraints are dependent, and which, or None.
+    """Return the last row before constraints are dependent, and which ones, or None. Rows are (S+1,), (S+1, 2n).
 
-    The constraints are dependent at a row among series of short steps, the first such. The row that is returned is the
-    last one before it with velocities known to sqrt(rtol). `start` is the start of the motion, if it is not the first
-    row. In a motion that has `stopped`, only rows that it moved away from count: the last one may be where it ends.
+    The constraints are dependent at a row among series of short steps; the first such row counts. The result is the
+    last row before it whose velocities are known to sqrt(rtol). `start` is the start of the motion if it is not the
+    first row. In a motion that has `stopped`, only rows that it moved away from count: it may end at the last one.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
         return None
-    # The last step is ignored as well: it only has the length that is left.
+    # The last step is ignored too: its length is only what remains of the run.
     sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
@@ -131,7 +135,7 @@ def dependent_passage(
 def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
     """Return for each series of short steps, in order, the row before its shortest step, and its range of rows.
 
-    `sizes` are the lengths of all steps but the first `FIRST_STEPS` and the last.
+    `sizes` are the lengths of all steps except the first `FIRST_STEPS` and the last.
     """
     short = np.flatnonzero(sizes <= SHORT_STEP * sizes.mean())
     if not len(short):
@@ -143,7 +147,7 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
 
 
 def _few(rows: range) -> list[int]:
-    """Return at most `ROWS_AT_ONCE` of the rows, at equal distances."""
+    """Return at most `ROWS_AT_ONCE` of the rows, equally spaced."""
     return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
 
 
@@ -151,7 +155,7 @@ class Nearness:
     """The least singular value of G at states, relative to that of the motion.
 
     The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
-    dependent constraints. The rows of G are scaled by their largest lengths there.
+    dependent constraints. The rows of G are scaled by their largest lengths at these states.
     """
 
     def __init__(
@@ -187,13 +191,16 @@ class Nearness:
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
         known = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(rows), np.inf)
-        # A zero reference, from constraints that stay dependent, cannot scale the values.
+        # If constraints are dependent everywhere, the reference is zero and cannot scale the values.
         if self._unit:
             values[known] = np.linalg.svd(matrices[known], compute_uv=False)[:, -1] / self._unit
         return values
 
     def nearest(self, times: FloatArray, states: FloatArray, series: range) -> int:
-        """Return the row of a series with the least value, which falls towards a crossing and grows after it."""
+        """Return the row of a series with the least value.
+
+        The value decreases towards a crossing and increases after it.
+        """
         while True:
             rows = _few(series)
             place = int(np.argmin(self.at(times, states, rows)))
@@ -208,7 +215,7 @@ class Nearness:
         return row
 
     def found(self, t: float, y: FloatArray) -> Singular | None:
-        """Return the most dependent combination of constraints at a state (2n,), with scaled rows."""
+        """Return the most dependent combination of constraints at a state (2n,), with scaled rows, or None."""
         unit = np.eye(self._longest.shape[1])
         here = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, here, scales(unit, self._longest))

@@ -1,4 +1,4 @@
-"""The projection of a state onto the constraints of its model, and the refusals if it does not exist."""
+"""The projection of a state onto the constraints of its model, and the errors if it does not exist."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residua
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
 
 NAMED_CONSTRAINTS = 3
-"""Largest number of constraints that a refusal names."""
+"""Largest number of constraints that an error message names."""
 
 MOST_ENTRIES = 4
-"""Largest number of entries of a state that a refusal repeats although the statement has the same values."""
+"""Largest number of entries of a state that an error message repeats although the statement has the same values."""
 
 LONGEST_EXPRESSION = 60
 """Longest expression that a message shows, in characters."""
 
 
 class Projection:
-    """The coordinates, then the velocities of states of one model at one time."""
+    """Projection of states of one model at one time: first of the coordinates, then of the velocities."""
 
     def __init__(self, model: Model, t: float, parameters: FloatArray, held: Sequence[int] = ()) -> None:
         self.model, self.t, self.parameters = model, t, parameters
@@ -39,7 +39,7 @@ class Projection:
         self.free[list(held)] = False
 
     def metric(self, y: FloatArray) -> FloatArray:
-        """Return the mass matrix. Raises StatementError if it is not finite."""
+        """Return the mass matrix (n, n) at a state (2n,). Raises StatementError if it is not finite."""
         with np.errstate(all="ignore"):
             mass = self.residuals.mass_matrix(self.t, y, self.parameters)
         if not np.isfinite(mass).all():
@@ -49,21 +49,21 @@ class Projection:
         return mass
 
     def off(self, y: FloatArray) -> bool:
-        """Return True if a state is off the constraints by more than round-off."""
+        """Return True if a state (2n,) is off the constraints by more than rounding."""
         return self.share(y) > ON_SURFACE
 
     def share(self, y: FloatArray) -> float:
         """Return the largest violation at a state, relative to the sizes of the residuals.
 
-        A size is the larger of the constraint's terms and the change of its value by round-off.
+        A size is the larger of the constraint's terms and the change of its value by rounding of the state.
         """
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
 
     def completed(self, y: FloatArray) -> FloatArray:
-        """Return a state with the velocities of coordinates without inertia, solved from their equations.
+        """Return a state (2n,) with the velocities of coordinates without inertia computed from their equations.
 
-        Velocities that are not zero were stated: they stay, and `check` tests them.
+        Velocities that are not zero are the user's: they are kept, and `check` tests them.
         """
         rows = self.model.layout.v.start + np.array(self.model.equations.first_order, dtype=int)
         if not len(rows):
@@ -82,9 +82,10 @@ class Projection:
         return np.where(alone & (y == 0.0), found, y)
 
     def _beside_rest(self, rows: NDArray[np.int_], y: FloatArray) -> FloatArray | None:
-        """Return the same from velocities beside zero, where equations such as 1 - e = abs(e.dot)*e.dot have no slope.
+        """Return the same result, with the solution started from small nonzero velocities.
 
-        The result is None if there are several solutions.
+        Equations such as 1 - e = abs(e.dot)*e.dot have no slope at rest. The result is None if there are several
+        solutions.
         """
         starts = (np.where(np.isin(np.arange(len(y)), rows) & (y == 0.0), sign, y) for sign in (1.0, -1.0))
         ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
@@ -109,7 +110,7 @@ class Projection:
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
         """Return a sentence on the constraints that a state violates by more than rounding, or None.
 
-        Displacements are measured by the inertia of the state before, which is finite.
+        Displacements are measured by the inertia of the state `before`, which is finite.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):
@@ -120,7 +121,7 @@ class Projection:
         return None
 
     def of(self, y: FloatArray) -> FloatArray:
-        """Return the nearest state on the constraints. Raises StatementError if none is found."""
+        """Return the nearest state (2n,) on the constraints. Raises StatementError if none is found."""
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
             self.differentiable(self._at(part, after, units), part, after)
@@ -144,7 +145,10 @@ class Projection:
     def _nearest(
         self, part: int, y: FloatArray, units: FloatArray, *, nearest: bool = True
     ) -> tuple[FloatArray, Residuals]:
-        """Return the state with the nearest coordinates, or velocities, on the constraints, or the last iterate."""
+        """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
+
+        If the search fails, it is the last iterate. The second result are its residuals.
+        """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
         def moved(entries: FloatArray) -> FloatArray:
@@ -179,7 +183,7 @@ class Projection:
         )
 
     def place(self, y: FloatArray) -> str:
-        """Return a state as text for a message."""
+        """Return the text of a state for a message."""
         return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
 
     def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:
@@ -187,11 +191,11 @@ class Projection:
         return of(self.t, y, self.parameters, units)
 
     def _stated(self, part: int) -> list[Constraint]:
-        """Return the stated constraints on the coordinates (part 0), or on the velocities (part 1)."""
+        """Return the stated constraints on coordinates (part 0), or on velocities (part 1)."""
         return [one for one in self.residuals.stated if part or one.holonomic]
 
     def _values(self, found: Residuals, rows: list[int], part: int) -> str:
-        """Return the values of the constraints in `rows` as text."""
+        """Return the text of the values of the constraints in `rows`."""
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
@@ -214,12 +218,12 @@ class Projection:
         )
 
     def _nearest_in_words(self, y: FloatArray) -> str:
-        """Return the call that finds the nearest state, ready to be pasted, or advice if none is found."""
+        """Return the call that computes the nearest state, ready to be pasted, or advice if there is none."""
         if self.reached(y) is None:
             return ": no nearest state is found from this one, so give initial values, of coordinates first"
         statement, names = self.model.statement, self.model.layout.names()
         entries = list(zip(names, y.tolist(), statement.initial, strict=True))
-        # Entries that are omitted in the call have the statement's values.
+        # Entries that the call omits have the values of the statement.
         given = [(name, x) for name, x, stated in entries if x or x != stated]
         if len(given) > MOST_ENTRIES:
             given = [(name, x) for name, x, stated in entries if x != stated]
@@ -253,7 +257,7 @@ class Projection:
 
 
 def _far(found: Residuals) -> list[int]:
-    """Return the rows whose residual exceeds the rounding of typed numbers, or has no value."""
+    """Return the rows whose residual exceeds the rounding of typed numbers, or is not finite."""
     near = np.abs(found.values) <= np.maximum(TYPED_ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
 
@@ -265,7 +269,7 @@ def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
-    """Return the text of an expression that is zero: the constraint as it is stated, or its rate of change."""
+    """Return the text of an expression that must be zero: the stated constraint, or its rate of change."""
     text = _text(stated, model)
     return f"the rate of change of {text}" if part and stated.holonomic else text
 

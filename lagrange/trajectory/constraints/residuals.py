@@ -20,14 +20,14 @@ CORNER_DISTANCE = 1e-7
 """Distance on both sides of a corner at which gradients are compared, relative to the largest coordinate."""
 
 CORNER = 1e-4
-"""A gradient that changes by this fraction over that distance jumps; a smooth one changes by 1e-7 of its size."""
+"""A gradient that changes by this fraction over that distance jumps. A smooth gradient changes by 1e-7 of its size."""
 
 
 class ConstraintResiduals:
-    """The constraints of one model as functions of the state: m on velocities, and those of them on positions.
+    """The constraints of one model as functions of the state: m on velocities, p of which come from positions.
 
-    The size of a constraint on velocities is that of its terms. For one on positions it is at least the gradient times
-    the largest entry, since the only term of y = 0 is y itself.
+    The size of a constraint on velocities is that of its terms. For a constraint on positions it is at least the
+    gradient times the largest entry, since the only term of y = 0 is y itself.
     """
 
     def __init__(self, model: Model) -> None:
@@ -45,16 +45,17 @@ class ConstraintResiduals:
         self.places = len(places)
         stated = (*places, *held.velocities)
         entries = [entry for row in held.gradient for entry in row]
-        # Nearly all entries of a long chain are zero, and are not evaluated. A gradient without entries keeps one.
+        # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
         self._entries = len(entries)
         self._present = [k for k, entry in enumerate(entries) if entry is not entry.graph.zero] or [0]
         self._gradient = _kernel(model, tuple(entries[k] for k in self._present))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self.mass_matrix = model.interpreted("mass_matrix")
-        """The metric of displacements, interpreted: it is also evaluated at states off the constraints."""
+        """The metric of displacements. It is interpreted, because it is also evaluated at states off the constraints.
+        """
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
-        # Only the branch of a piecewise that is taken counts. Its conditions are switching surfaces too.
+        # Only the branch of a piecewise that is taken counts. Its conditions are switching surfaces, too.
         self.switched = switch(graph, stated)
         surfaces = self.switched.stated
         slopes = tuple(slope for surface in surfaces for slope in gradient(surface, q))
@@ -62,7 +63,7 @@ class ConstraintResiduals:
         self._surfaces = _kernel(model, surfaces) if surfaces else None
 
     def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-        """Return whether a state satisfies the constraints up to round-off, and is not at a corner of theirs.
+        """Return True if a state satisfies the constraints up to rounding, and is not at one of their corners.
 
         The tolerance is relative to the terms alone.
         """
@@ -76,7 +77,7 @@ class ConstraintResiduals:
         return bool((np.abs(found[:half]) <= ON_SURFACE * found[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
-        """Return the constraint that a state violates most, and its violation relative to its terms."""
+        """Return the text of the constraint that a state violates most, and its violation relative to its terms."""
         values, terms = self._of(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
@@ -84,7 +85,7 @@ class ConstraintResiduals:
 
     @property
     def labels(self) -> list[str]:
-        """The names of the constraints on positions, then of all."""
+        """The texts of the constraints on positions, then of all constraints."""
         return [*(name for name, place in zip(self.names, self.holonomic, strict=True) if place), *self.names]
 
     def of_many(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -102,26 +103,26 @@ class ConstraintResiduals:
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of the holonomic constraints as functions of the coordinates."""
+        """Return the residuals of the constraints on positions, as functions of the coordinates."""
         values, terms = self._of(t, y, parameters)
         rows, part = self.gradient(t, y, parameters)[self.holonomic], slice(0, self.places)
         return _residuals(values[part], rows, terms[part], y[self._layout.q], units)
 
     def of_velocities(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of all constraints on the velocities as functions of the velocities."""
+        """Return the residuals of all constraints on velocities, as functions of the velocities."""
         values, terms = self._of(t, y, parameters)
         rows, part = self.gradient(t, y, parameters), slice(self.places, None)
         return _residuals(values[part], rows, terms[part], y[self._layout.v], units)
 
     def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return G, (m, n), at a state."""
+        """Return G, (m, n), at a state (2n,)."""
         rows = np.zeros(self._entries)
         with np.errstate(all="ignore"):
             rows[self._present] = self._gradient(t, y, parameters)
         return rows.reshape(len(self.names), -1)
 
     def at_corner(self, t: float, y: FloatArray, parameters: FloatArray) -> int | None:
-        """Return the first constraint with a corner at a state, as y = abs(x) has at x = 0, or None."""
+        """Return the index of the first constraint with a corner at a state, as y = abs(x) has at x = 0, or None."""
         if self._corners is None:
             return None
         found, n = self._corners(t, y, parameters), len(y[self._layout.q])
@@ -147,7 +148,7 @@ def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def units_of(metric: FloatArray) -> FloatArray:
-    """Return the scales of displacements of coordinates: the roots of their inertia, 1 for those without inertia."""
+    """Return the scales of displacements of coordinates: square roots of their inertia, 1 without inertia."""
     sizes = np.abs(np.diag(metric))
     return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
 
@@ -155,13 +156,13 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return the residuals `values`, their gradients `rows`, their terms, and the sizes by which they are judged.
+    """Return the residuals `values`, with gradients `rows`, their terms, and the sizes by which they are judged.
 
-    A size is the larger of the terms of a value and its change if the entries of the state change by round-off. Entries
-    times `units` are comparable: each may be off by round-off of the largest.
+    A size is the larger of the terms of a value and its change if the entries of the state change by rounding. Entries
+    times `units` are comparable: each may be wrong by the rounding of the largest.
     """
     largest = np.abs(units * entries).max(initial=0.0)
-    # A gradient that is not finite is refused later, with the constraint's name.
+    # A gradient that is not finite is refused later, in a message with the constraint's name.
     with np.errstate(all="ignore"):
         sizes = np.maximum(terms, np.abs(rows) @ (largest / units))
     return Residuals(values, rows, terms, sizes)
@@ -175,7 +176,7 @@ _KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
 
 
 def residuals_of(model: Model) -> ConstraintResiduals:
-    """Return the residuals of a model, cached with it."""
+    """Return the residuals of a model, cached in the model."""
     found = _KNOWN.get(model)
     if found is None:
         found = _KNOWN[model] = ConstraintResiduals(model)

@@ -1,1 +1,1 @@
-"""Runs through contacts: modes, impacts, the choice of the next mode, and what a run keeps of them."""
+"""Runs through contacts: modes, impacts, the choice of the next mode, and the history of contacts."""

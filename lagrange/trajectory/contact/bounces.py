@@ -1,7 +1,7 @@
-"""Impacts without friction as resets of events, so that a compiled loop over steps goes through many of them.
+"""Impacts without friction as resets of events, so that a compiled loop over steps handles many of them.
 
-With the direction W = dgap/dq, gap rate u and the mass matrix M, an impact with restitution e has the impulse
-P = -(1 + e) u / (W M^-1 W^T), and changes the velocities by M^-1 W^T P. Its energy is (1 - e^2) u^2 / (2 W M^-1 W^T).
+With the direction W = dgap/dq, gap rate u and the mass matrix M, an impact with restitution e has the impulse P = -(1 +
+e) u / (W M^-1 W^T). It changes the velocities by M^-1 W^T P. It dissipates the energy (1 - e^2) u^2 / (2 W M^-1 W^T).
 """
 
 from __future__ import annotations
@@ -23,18 +23,20 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 SMALLEST_BOUNCE = 1e-7
-"""Speed of an impact, relative to the largest of a series of shrinking ones, below which the rest of the series is
-summed. The height of the bounces that are left out is 1e-14 of the first. Times of flights have 8 digits then."""
+"""Speed of an impact, relative to the largest of a series of decreasing impacts, below which the rest of the series is
+summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits.
+"""
 
 FEWEST_FLIGHTS = 3
 """Smallest number of flights, each shorter than the one before, that count as an accumulation."""
 
 UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
-"""Largest number of impacts in one call of a compiled loop: if the restitution depends on the speed, and if no energy
-is lost."""
+"""Largest number of impacts in one call of a compiled loop. The first is for a restitution that depends on the speed,
+the second for impacts without loss of energy.
+"""
 
 LARGEST_COUPLED = 3
-"""Largest number of coordinates that a mass matrix couples for which impacts are written out as resets."""
+"""Largest number of coordinates coupled by the mass matrix for which impacts are written out as resets."""
 
 LONGEST = 2_000
 """Largest number of operations of the velocities after an impact that is written out."""
@@ -42,9 +44,9 @@ LONGEST = 2_000
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """Impacts without friction as resets: one for each contact, None where it is not written out.
+    """Impacts without friction as resets: one for each contact, or None if it is not written out.
 
-    `kernel` returns, for each contact, the impulse, the energy lost and the impact speed by a state.
+    `kernel` returns, for each contact, the impulse, the energy lost and the impact speed at a state.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
@@ -61,7 +63,7 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
         return None
     for each in statement.contacts:
         written, impulse, lost, speed = _impact(each, statement.coordinates, statement.velocities, mass)
-        # A series has the zero of another gap to the tolerance of the run alone, which is not enough.
+        # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
         exact = each.gap.is_polynomial(*statement.coordinates, time)
         long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
         resets.append(None if each.restitution.is_zero or long or not exact else written)
@@ -71,7 +73,7 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
 
 
 def coupling(statement: Statement) -> Any:
-    """Return the mass matrix, or None where it depends on velocities or couples many coordinates."""
+    """Return the mass matrix, or None if it depends on velocities or couples many coordinates."""
     rates = statement.velocities
     momenta = [statement.lagrangian.diff(rate) for rate in rates]
     mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
@@ -79,7 +81,7 @@ def coupling(statement: Statement) -> Any:
 
 
 def response_of(mass: Any, direction: Any) -> Any:
-    """Return the accelerations M^-1 W (n,) of a unit force along a direction W (n,)."""
+    """Return the accelerations M^-1 W (n,) due to a unit force along a direction W (n,)."""
     if mass.is_diagonal():
         return sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
     return mass.LUsolve(direction)
@@ -96,35 +98,35 @@ def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) ->
     lost = (1 - e**2) * speed**2 / (2 * compliance)
     moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
     behind = {v: v + change * impulse for _, v, change in moved}
-    # Round-off in the gap would not be small beside the last flights.
+    # Rounding of the gap would not be small compared with the last flights.
     behind |= {x: x - change * each.gap / compliance for x, _, change in moved}
     return behind, impulse, lost, speed
 
 
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
-    """Return the partial derivative of a gap by time, with the coordinates held fixed."""
+    """Return the partial derivative of a gap by time at fixed coordinates."""
     held = {x: sympy.Dummy() for x in q}
     return gap.xreplace(held).diff(time).xreplace({dummy: x for x, dummy in held.items()})
 
 
 class Bounces:
-    """Impacts since the last that was at least as strong, to recognise an accumulation of infinitely many.
+    """Impacts since the last one that was at least as strong, to recognise an accumulation of infinitely many.
 
-    `times` and `speeds` (k,) are those of all these impacts. `contacts` are the contacts of each of the last.
+    `times` and `speeds` (k,) are those of these impacts. `contacts` are the contacts of each of the last ones.
     """
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all impacts so far."""
+        """Remove all impacts."""
         self.times, self.speeds = np.empty(0), np.empty(0)
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Record impacts (k,), and the `contacts` of the last ones.
+        """Record impacts with `times` and `speeds` (k,), and the `contacts` of the last ones.
 
-        A flight that is not shorter than the one before begins a new series.
+        A flight that is not shorter than the previous one begins a new series.
         """
         whole = np.append(self.times, times)
         again = np.flatnonzero(np.diff(whole, 2) >= 0)
@@ -133,10 +135,10 @@ class Bounces:
         self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
 
     def most(self, restitutions: Sequence[float | None]) -> int:
-        """Return the number of impacts that a compiled loop may take before the run tests for an accumulation.
+        """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
 
-        A ball that falls back is then hardly below `SMALLEST_BOUNCE`. `restitutions` are those of each contact, None
-        where it depends on the speed.
+        After so many impacts, a falling ball is not much below `SMALLEST_BOUNCE`. `restitutions` are those of the
+        contacts, None if it depends on the speed.
         """
         known = [e for e in restitutions if e is not None and e > 0]
         weakest = min(known, default=1.0)
@@ -147,13 +149,13 @@ class Bounces:
 
     @property
     def end(self) -> float | None:
-        """The time at which the impacts accumulate, by the ratio of the last flights; None if they do not."""
+        """The time at which the impacts accumulate, from the ratio of the last flights; None if they do not."""
         few = not len(self.speeds) or self.speeds[-1] > SMALLEST_BOUNCE * self.speeds.max()
         return None if few else self.limit
 
     @property
     def limit(self) -> float | None:
-        """The time to which the last flights lead, each shorter than the one before by the same ratio; None if not."""
+        """The limit of the times of impact, if each of the last flights is shorter by the same ratio; else None."""
         if len(self.times) < FEWEST_FLIGHTS + 1:
             return None
         a, b, c = self.times[-3:].tolist()
@@ -164,7 +166,7 @@ class Bounces:
 def in_order(
     times: Sequence[FloatArray], states: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-    """Return the times (N,) of some events in order, their numbers (N,), and the states (N, 2n) there."""
+    """Return the times (N,) of events in order, the index of the event of each (N,), and the states (N, 2n)."""
     if len(times) == 1:
         return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]
     when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))

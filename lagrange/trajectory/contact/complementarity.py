@@ -1,8 +1,8 @@
 """Forces of contacts with Coulomb friction: the complementarity problem of their normal and friction forces.
 
-With k contacts, forces f have rates w = A f + b: for each contact the normal component, then the friction components.
-A contact pushes, f_n >= 0, it does not penetrate, w_n >= 0, and one of both is zero. Friction holds the surfaces,
-w_t = 0, as long as |f_t| <= mu f_n with the static coefficient; else f_t = -mu f_n d with the kinetic one, where d is
+Forces f of k contacts cause rates w = A f + b: for each contact the normal component, then the friction components. A
+contact pushes, f_n >= 0. It does not penetrate, w_n >= 0. One of both is zero. Friction holds the surfaces, w_t = 0, as
+long as |f_t| <= mu f_n with the static coefficient. Otherwise f_t = -mu f_n d with the kinetic coefficient, where d is
 the direction of sliding. Rates are accelerations of lasting contacts, or velocities after an impact with impulses f.
 Sources: C. Glocker, Set-Valued Force Laws, 2001; R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity
 Problem, 1992, section 4.4; D. E. Stewart, J. C. Trinkle, Int. J. Numer. Meth. Eng. 39 (1996) 2673.
@@ -21,31 +21,34 @@ from numpy.typing import NDArray
 from lagrange.trajectory.trajectory import FloatArray
 
 OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
-"""States of a contact; a contact without friction is closed."""
+"""States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
 
 NOISE = 1e-10
-"""Forces and rates count as zero below this fraction of the terms that make them: round-off of some ten terms, with a
-condition of the mass matrix up to 1e5."""
+"""Forces and rates count as zero below this fraction of their terms: rounding of some ten terms, with a condition
+number of the mass matrix up to 1e5.
+"""
 
 DEPENDENT = 1e-12
 """Singular values below this fraction of the largest mark dependent equations."""
 
 MOST_CASES = 1024
-"""Largest number of combinations of states that are all tried. With more, one solution is found by pivoting."""
+"""Largest number of combinations of states that are all tried. For more, pivoting finds one solution."""
 
 TURNS, LEAST_TURN = 300, 2.0**-12
-"""Most iterations for the direction in which a body begins to slide in a plane. The share of a turn is halved where it
-overshoots, to the least share: whole turns overshoot among many contacts, and near the edge of the cone."""
+"""Largest number of iterations for the direction in which a body begins to slide in a plane, and the least relaxation
+factor. The factor is halved if a direction overshoots: full steps overshoot among many contacts, and near the edge of
+the cone.
+"""
 
 TURNS_BETWEEN = 20
-"""Iterations after which combinations that obey no law are no longer waited for, if another obeys all."""
+"""Number of iterations after which only the combinations that obey all laws count, if there are any."""
 
 
 @dataclass(frozen=True, eq=False)
 class Friction:
     """The friction of one contact: the number of slip components, the coefficients, and the direction of sliding.
 
-    `way` is a unit vector (components,), or None where the surfaces do not slide yet. Without components there is no
+    `way` is a unit vector (components,), or None if the surfaces do not slide yet. Without components there is no
     friction.
     """
 
@@ -55,7 +58,7 @@ class Friction:
     way: FloatArray | None = None
 
     def cases(self) -> list[tuple[str, FloatArray | None]]:
-        """Return the possible states, each with its direction of sliding; None where the direction must be computed."""
+        """Return the possible states, each with its direction of sliding, or None if the direction must be computed."""
         if not self.components:
             return [(OPEN, None), (CLOSED, None)]
         if self.way is not None:
@@ -68,7 +71,7 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A solution: `forces` and `rates` (rows,), the state of each contact, and the direction of those that slide."""
+    """A solution: `forces` and `rates` (rows,), the state of each contact, and the direction of sliding or None."""
 
     forces: FloatArray
     rates: FloatArray
@@ -77,11 +80,11 @@ class Balance:
 
 
 def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> list[Balance]:
-    """Return the solutions of the complementarity problem, those that hold the surfaces first.
+    """Return the solutions of the complementarity problem; those that hold the surfaces come first.
 
-    `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried, or one solution is found by
-    pivoting if these are many. Of solutions with the same rates the one with the least forces counts. Surfaces at rest
-    stay so if they can. The list is empty if there is no solution.
+    `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried; if these are too many,
+    pivoting finds one solution. Of solutions with the same rates, only the one with the least forces is returned.
+    Surfaces at rest stay at rest if they can. The list is empty if there is no solution.
     """
     count = math.prod(len(contact.cases()) for contact in contacts)
     if count > MOST_CASES:
@@ -98,7 +101,7 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 
 
 def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
-    """Yield the row of the normal component and the rows of the friction components of each contact."""
+    """Yield for each contact the row of the normal component, and the slice of the friction components."""
     row = 0
     for contact in contacts:
         yield row, slice(row + 1, row + 1 + contact.components)
@@ -114,21 +117,21 @@ def _size(balance: Balance) -> float:
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the rates (..., rows) that count as zero with forces (..., rows)."""
+    """Return the largest rates (..., rows) that count as zero for forces (..., rows)."""
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
 def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) -> bool:
-    """Return whether two solutions have the same rates."""
+    """Return True if two solutions have the same rates."""
     return bool((np.abs(one.rates - other.rates) <= 10 * _noise(matrix, bias, one.forces)).all())
 
 
 def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
-    """Return whether surfaces that stick in one solution, and slide in another, stay at rest.
+    """Return True if surfaces that stick in solution `one` and slide in `other` must stay at rest.
 
-    Coulomb's law lets a surface at rest slide only if no force in its cone holds it. All that sticks in the other
-    solution must stick in the first. A contact that differs otherwise, such as one that opens, follows from the slip
-    only if kinetic friction could not hold what static friction does.
+    By Coulomb's law a surface at rest slides only if no force in its cone holds it. All surfaces that stick in `other`
+    must stick in `one`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction
+    could not hold what static friction holds.
     """
     if any(b == STICKING != a for a, b in zip(one.states, other.states, strict=True)):
         return False
@@ -144,10 +147,10 @@ def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bo
 
 
 class _Rows:
-    """The rows of some contacts: the `contact` of each, (rows,), and which are `along` the surface, (rows,).
+    """The rows of the contacts: the `contact` of each, (rows,), and True for rows `along` the surface, (rows,).
 
-    `normals` (k,) are the rows of the normal components, `members` (rows, k) says which rows are along each contact.
-    `static` and `kinetic` (k,) are coefficients of friction, and `slides` (k,) says which contacts slide already.
+    `normals` (k,) are the rows of the normal components. `members` (rows, k) is True for the rows along each contact.
+    `static` and `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -161,13 +164,13 @@ class _Rows:
         self.slides = np.array([each.way is not None for each in contacts])
 
     def directions(self, values: FloatArray) -> FloatArray:
-        """Return unit vectors along each surface from values (C, rows), and zero for values that are zero."""
+        """Return unit vectors along each surface in the direction of values (C, rows); zero for values of zero."""
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
 
 
 def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
-    """Yield the combinations of states that obey all laws, those with the least sliding contacts first."""
+    """Yield the combinations of states that obey all laws, those with the fewest sliding contacts first."""
     rows = _Rows(contacts)
     chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
     chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
@@ -187,7 +190,7 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         moving = searched & (rows.directions(rates) != 0)
         turned = np.where(moving, rows.directions(rates), ways)
         last, error, before, change = error, turned - ways, change, np.abs(turned - ways).max(axis=1)
-        # A turn that overshoots is shortened.
+        # A step that overshoots is shortened.
         share[((error * last).sum(axis=1) < 0) | (change > before)] /= 2
         ways = np.where(searched, rows.directions(ways + np.maximum(share, LEAST_TURN) * error), ways)
         turning = solved & (change > 4 * np.finfo(float).eps)
@@ -203,13 +206,13 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 
 
 def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
-    """Return a solution of the laws of contact, with the direction in which each sliding contact slides."""
+    """Return a combination of states as a `Balance`, with the direction of each sliding contact."""
     directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
     return Balance(forces, rates, tuple(states), tuple(directions))
 
 
 def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
-    """Return the directions (C, rows) against the forces that would hold all surfaces, to begin a search."""
+    """Return directions (C, rows) opposite to the forces that would hold all surfaces, to start the iteration."""
     forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
     first = np.zeros(len(bias))
     first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
@@ -221,10 +224,10 @@ def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArr
 def _forces(
     matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return forces and rates (C, rows) of combinations of states (C, k) and directions (C, rows) of sliding.
+    """Return forces and rates (C, rows) for states (C, k) and directions (C, rows) of sliding, and a mask (C,).
 
-    Rates are zero where contacts are closed or stick; the third (C,) says whether that has a solution. Contacts that
-    depend on each other share their forces, which are then the least ones.
+    Rates are zero where contacts are closed or stick. The mask is True for combinations with a solution. Contacts that
+    depend on each other share their forces; the shortest force vector is returned.
     """
     each = states[:, rows.contact]
     active = np.where(rows.along, each == STICKING, each != OPEN)
@@ -246,7 +249,7 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return whether forces push, rates separate, and friction is inside its cone, within round-off, (C,)."""
+    """Return a mask (C,): True if forces push, rates separate, and friction is in its cone, up to rounding."""
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]
     friction = np.sqrt((forces**2) @ rows.members)
@@ -258,15 +261,15 @@ def _obeys(
 
 
 def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the shortest solution (k,) of equations of which some may follow from others."""
+    """Return the shortest least-squares solution (k,) of equations that may be dependent."""
     return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 
 def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Balance | None:
-    """Return a solution found by Lemke's method, or None; friction in a plane is that of a pyramid of four sides.
+    """Return a solution by Lemke's method, or None. The cone of friction in a plane becomes a pyramid with four sides.
 
-    A contact that slides along `way` has its friction force in its column. Another has one unknown for each side of its
-    pyramid, and the sliding speed as a multiplier, as in Stewart and Trinkle.
+    A contact that slides along `way` has its friction force in its column. Another contact has one unknown for each
+    side of its pyramid, and the sliding speed as a multiplier, as in Stewart and Trinkle.
     """
     spans, sides, ratios = [], [], []
     for (normal, along), contact in zip(rows_of(contacts), contacts, strict=True):
@@ -320,8 +323,8 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Fricti
 def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     """Return z (n,) >= 0 with w = M z + q >= 0 and w z = 0, or None if Lemke's method ends on a ray.
 
-    `matrix` (n, n) is M, `right` (n,) is q. Columns are scaled to the same size; among equal ratios the row with the
-    largest pivot leaves.
+    `matrix` (n, n) is M, `right` (n,) is q. Columns are scaled to equal size. Among equal ratios the row with the
+    largest pivot leaves the basis.
     """
     n = len(right)
     if (right >= 0).all():

@@ -1,9 +1,9 @@
 """Friction along a line as resets of events: one model slides both ways and sticks, in one compiled loop over steps.
 
-The state has one more coordinate, the way w: 1 or -1 where the contact slides, 0 where it sticks. The equations are
-M a = h + W N + D f, with constant M, W = dgap/dq and D = dslip/dv, and W M^-1 D = 0. The normal force is then
-N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T), and the force that holds the slip is F = -(D M^-1 h + dslip/dt) /
-(D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
+The state has one more coordinate, the way w: 1 or -1 while the contact slides, 0 while it sticks. The equations are M a
+= h + W N + D f, with constant M, W = dgap/dq and D = dslip/dv, and W M^-1 D = 0. The normal force then is N = -(W M^-1
+h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D M^-1 h + dslip/dt) / (D M^-1 D^T). The
+friction force is f = (1 - w^2) F - mu w N.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
-"""A slip or a gap begins with what the largest acceleration terms times this make, in the time so far or in a short
-part of the run: 16 units of their round-off."""
+"""Initial slip or gap after a change: the first number times the change by the largest acceleration terms, during the
+time so far or a short part (the second number) of the run. It is 16 units of their rounding.
+"""
 
 UNCOUPLED = 1e-14
-"""Two directions are uncoupled if their product is below this fraction of its terms: round-off of the stated
-numbers."""
+"""Two directions are uncoupled if their product is below this fraction of its terms: rounding of the stated numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenFriction:
-    """The friction of the contact `which`, written out: its model, and the parameter `moment`, a short time of a run.
+    """The friction of the contact `which`, written out: its model, and the parameter `moment`, a short time.
 
     `normal` is the normal force. `events` end sticking and sliding, and reset the way and the velocities.
     """
@@ -50,7 +50,7 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
-        """Return a problem of the system as a problem of this model, which begins sliding or sticking as `way` says."""
+        """Return a problem of the system as a problem of this model, which slides in direction `way` or sticks (0)."""
         places = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, places, [way, 0.0])
         largest = None if problem.largest is None else np.insert(problem.largest, places, [1.0, 0.0])
@@ -68,7 +68,7 @@ class WrittenFriction:
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
 
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the times (k,) at which a run changes, the states before (k, 2n + 2), and the ways after (k,)."""
+        """Return the times (k,) of changes in a run, the states before them (2n + 2, k), and the ways after (k,)."""
         place, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[place:], part.y_events[place:])
         return times, states, np.append(states[:, row], last[row])[1:]
@@ -76,7 +76,7 @@ class WrittenFriction:
 
 @dataclass(frozen=True)
 class PlainPath:
-    """Dense output of a system from that of a model with one more coordinate, whose states have a `layout`."""
+    """Dense output of a system, from that of a model with one more coordinate, whose states have a `layout`."""
 
     path: Callable[[FloatArray], FloatArray]
     layout: StateLayout
@@ -92,7 +92,7 @@ def plain_states(layout: StateLayout, y: FloatArray) -> FloatArray:
 
 
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
-    """Return the friction of a contact written out, or None where it is not along a line, or coupled to its gap."""
+    """Return the friction of a contact written out, or None if it is not along a line, or is coupled to the gap."""
     statement, each = model.statement, model.statement.contacts[which]
     q, rates = statement.coordinates, statement.velocities
     mass = coupling(statement)
@@ -118,7 +118,7 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
 
 def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
-    """Return whether the product of a line and a response is not zero, at irrational values of the parameters."""
+    """Return True if the product of a line and a response is not zero, at irrational values of the parameters."""
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]
     return abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms))
@@ -126,7 +126,7 @@ def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Forces:
-    """A contact with its normal force and the force that holds; lines, M^-1 lines and their products, by row."""
+    """A contact with its normal force and holding force; lines (rows of W and D), M^-1 lines, and their products."""
 
     contact: Contact
     normal: Any
@@ -170,7 +170,7 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
 
 
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
-    """Return the state in which a contact goes on: with a slip of zero, or a slight one onwards, on a closed gap."""
+    """Return the state after a change: a slip of zero, or a small slip in direction `onwards`, on a closed gap."""
     each, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
     rate = partial_rate(each.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))

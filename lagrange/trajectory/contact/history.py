@@ -1,4 +1,4 @@
-"""What a run keeps of its contacts: modes with their times, impacts, forces, and the energy that is lost."""
+"""The history of contacts along a run: modes with their times, impacts, forces, and the energy that is lost."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from lagrange.trajectory.contact.transition import Impact
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12
-"""Number of points of Gauss's rule on each interval between outputs: it is exact for polynomials of degree 23."""
+"""Number of points of Gauss's rule on each interval between outputs. It is exact for polynomials of degree 23."""
 
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
-"""Most halvings of an interval, and the error relative to the energy of the whole run that ends them."""
+"""Largest number of halvings of an interval, and the error, relative to the energy of the whole run, that ends them."""
 
 TIME, LOST, FRICTION = 0, 2, 3
-"""Columns of impacts: the time, the energy that is lost, and the first friction impulse."""
+"""Columns of impacts: the time, the energy that is lost, and the first component of the friction impulse."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactHistory:
-    """The segments of a run with contacts: their `begins` (s,) and modes.
+    """The history of contacts along a run: the start of each segment, `begins` (s,), with its mode, and impacts.
 
-    `impacts` has those of each contact in order, (k, 3 + slips): time, normal impulse, energy that it takes, friction
-    impulse. `rests` are the times at which impacts of a contact accumulate. A run from a file has the energy `rubbed`
-    (N,) that sliding has taken at its outputs; others compute it.
+    `impacts` has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse. `rests`
+    are the times at which impacts of a contact accumulate. `rubbed` (N,) is the energy that sliding has dissipated at
+    the outputs of a run from a file; for other runs it is computed.
     """
 
     begins: FloatArray
@@ -50,7 +50,7 @@ class ContactHistory:
     rubbed: FloatArray | None = None
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file by name; `stored_history` reads them."""
+        """Return the arrays of a file by name, as `stored_history` reads them."""
         arrays: dict[str, Any] = {"begins": self.begins}
         arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
         for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
@@ -58,7 +58,7 @@ class ContactHistory:
         return arrays
 
     def lost_at(self, times: FloatArray) -> FloatArray:
-        """Return the energy that impacts have taken up to some times (K,)."""
+        """Return the energy (K,) that impacts have dissipated up to times (K,)."""
         booked = np.concatenate([impacts[:, [TIME, LOST]] for impacts in self.impacts])
         when, lost = booked[np.argsort(booked[:, 0], kind="stable")].T
         begins = np.concatenate([self.begins[:1], when])
@@ -66,7 +66,10 @@ class ContactHistory:
 
 
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
-    """Return the history of some contacts from the arrays of a file. Raises StatementError where it is not theirs."""
+    """Return the history of contacts from the arrays of a file.
+
+    Raises StatementError if they do not belong together.
+    """
     modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
     impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))
     known = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
@@ -85,7 +88,7 @@ def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, *others: Any)
 
 @dataclass(frozen=True, eq=False)
 class ContactRun:
-    """The contacts of a run of a `model` with the parameters (k,), at the times t (N,) and states y (2n, N)."""
+    """The contacts along a run of a `model` with parameters (k,), at times t (N,) and states y (2n, N)."""
 
     model: Model
     trajectory: Trajectory
@@ -104,7 +107,7 @@ class ContactRun:
         return ByName("contact", ((each.name, ContactResult(self, i, each)) for i, each in enumerate(stated)))
 
     def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
-        """Yield each mode that holds at some of the times (K,), and a mask of these times."""
+        """Yield each mode that holds at some of the times (K,), with the mask (K,) of these times."""
         numbers = segment_numbers(self.history.begins, times, forward=True)
         modes = self.history.modes
         for mode in dict.fromkeys(modes[i] for i in np.unique(numbers)):
@@ -112,16 +115,16 @@ class ContactRun:
             yield mode, np.isin(numbers, mine)
 
     def labels(self, contact: int) -> NDArray[Any]:
-        """Return the state of a contact at the output times, (N,) texts."""
+        """Return the state of a contact at the output times, as texts (N,)."""
         found = np.full(len(self.t), OPEN, dtype="<U8")
         for mode, where in self._segments(self.t):
             found[where] = mode.labels[contact]
         return found
 
     def evaluate(self, expression: Any) -> FloatArray:
-        """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each.
+        """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each time.
 
-        It may contain gaps and normal forces of contacts, beside what `Solution.evaluate` allows.
+        It may contain gaps and normal forces of contacts, in addition to what `Solution.evaluate` allows.
         """
         found = np.empty(len(self.t))
         for mode, where in self._segments(self.t):
@@ -129,7 +132,7 @@ class ContactRun:
         return found
 
     def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
-        """Return an expression (K,) at times (K,) and states (2n, K) of a mode."""
+        """Return an expression (K,) at times (K,) and states (2n, K) in a mode."""
         statement = self.model.statement
         plain = expression_of(expression, "the expression").xreplace(statement.gaps)
         pairs = zip(statement.contacts, mode.states, strict=True)
@@ -138,7 +141,7 @@ class ContactRun:
         return np.asarray(model.evaluate_expression(plain.xreplace(absent), times, y, self.parameters))
 
     def friction(self, contact: int) -> FloatArray:
-        """Return the friction force of a contact along its slip components at the outputs, (components, N)."""
+        """Return the friction force of a contact along its slip components, at the outputs, (components, N)."""
         each = self.model.statement.contacts[contact]
         found = np.zeros((len(each.slip), len(self.t)))
         for mode, where in self._segments(self.t):
@@ -151,9 +154,9 @@ class ContactRun:
 
     @cached_property
     def energy_lost(self) -> FloatArray:
-        """The energy that impacts and friction have taken, (N,) at the output times.
+        """The energy that impacts and friction have dissipated, (N,) at the output times.
 
-        Of a time that stands twice, the first state is that before an impact, unless both are the same.
+        If a time occurs twice, the first state is that before an impact, unless both are equal.
         """
         lost = self.lost_at(self.t)
         y = self.trajectory.y
@@ -167,11 +170,11 @@ class ContactRun:
         return self.history.arrays() | {"rubbed": self._rubbed(self.t)}
 
     def lost_at(self, times: FloatArray) -> FloatArray:
-        """Return the energy that impacts and friction have taken up to some times (K,)."""
+        """Return the energy (K,) that impacts and friction have dissipated up to times (K,)."""
         return self.history.lost_at(times) + self._rubbed(times)
 
     def _rubbed(self, times: FloatArray) -> FloatArray:
-        """Return the energy (K,) that sliding friction dissipates up to some times: the integral of its power."""
+        """Return the energy (K,) that sliding friction has dissipated up to times (K,): the integral of its power."""
         begins, modes = self.history.begins, self.history.modes
         if self.history.rubbed is not None:
             return np.asarray(np.interp(times, self.t, self.history.rubbed))
@@ -181,13 +184,13 @@ class ContactRun:
         ends = ends[ends <= times.max()]
         begin, end, which, before = ends[:-1], ends[1:], np.arange(len(ends) - 1), np.full(len(ends) - 1, np.inf)
         works, whole = np.zeros(len(which)), self._work(begin, end)
-        # Errors of intervals are of either sign: their sum grows as the root of their number.
+        # Errors of intervals have either sign: their sum grows like the square root of their number.
         enough = AGREEMENT * np.abs(whole).sum() / math.sqrt(max(len(which), 1))
         for left in reversed(range(MOST_HALVINGS)):
             middle = (begin + end) / 2
             first, second = self._work(begin, middle), self._work(middle, end)
             error = np.abs(first + second - whole)
-            # An error that halving does not reduce is noise.
+            # An error that halving does not reduce is rounding noise.
             off = (error > enough) & (error < before / 4) & (left > 0)
             np.add.at(works, which[~off], (first + second)[~off])
             begin, end = np.append(begin[off], middle[off]), np.append(middle[off], end[off])
@@ -198,7 +201,7 @@ class ContactRun:
         return np.asarray(np.interp(times, ends, np.append(0.0, np.cumsum(works))))
 
     def _work(self, begin: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the energy that friction takes in each of some intervals (K,), by Gauss's rule."""
+        """Return the energy that friction dissipates in each interval from `begin` to `end` (K,), by Gauss's rule."""
         nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
         halves, middles = (end - begin) / 2, (begin + end) / 2
         times = (middles[:, None] + halves[:, None] * nodes).ravel()
@@ -206,7 +209,7 @@ class ContactRun:
         return np.asarray((power @ weights) * halves)
 
     def _power(self, times: FloatArray) -> FloatArray:
-        """Return the power (K,) that sliding friction takes at some times."""
+        """Return the power (K,) that sliding friction dissipates at times (K,)."""
         total, path = np.zeros(len(times)), self.trajectory.dense
         for mode, where in self._segments(times):
             y = path(times[where]) if SLIDING in mode.states else None
@@ -239,7 +242,7 @@ class ContactResult:
 
     @cached_property
     def force(self) -> FloatArray:
-        """The normal force at the output times, (N,), zero where the contact is open."""
+        """The normal force at the output times, (N,); zero while the contact is open."""
         return np.where(self.mode == OPEN, 0.0, self._run.evaluate(self._stated.normal))
 
     @cached_property
@@ -250,7 +253,7 @@ class ContactResult:
 
     @cached_property
     def impacts(self) -> tuple[Impact, ...]:
-        """The impacts in order: `.t`, `.impulse`, `.friction_impulse`, `.energy_lost` of each."""
+        """The impacts in order, each with `.t`, `.impulse`, `.friction_impulse` and `.energy_lost`."""
         rows = self._run.history.impacts[self._which].tolist()
         return tuple(Impact(t, impulse, tuple(friction), lost) for t, impulse, lost, *friction in rows)
 
@@ -261,7 +264,7 @@ class ContactResult:
 
 
 def _friction(each: Contact, mode: Mode, which: int) -> list[Any]:
-    """Return the friction force of a contact that slides or sticks, one expression for each slip component."""
+    """Return the friction force of a contact in a mode, one expression for each slip component."""
     if mode.states[which] == STICKING:
         return [multiplier(name) for name in each.slip_names]
     return sliding_friction(each, mode.ways[which])

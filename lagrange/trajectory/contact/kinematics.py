@@ -23,9 +23,9 @@ from lagrange.trajectory.contact.complementarity import Friction, least_solution
 from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13
-"""A gap counts as zero below this fraction of the largest terms of any gap so far. Round-off is far below.
-
-Balls that rest where their coordinates are zero have no terms of their own."""
+"""A gap counts as zero below this fraction of the largest terms of any gap so far, which is far above rounding. The
+terms of all gaps are used, because balls that rest at coordinates of zero have no terms.
+"""
 
 HELD = 1e-12
 """Largest gap of a closed contact without projection, relative to the terms of gaps."""
@@ -34,25 +34,25 @@ STILL = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
 
 ROUND_OFF = 2.0**-50
-"""A velocity in a closed contact is round-off where its kinetic energy is below the square of this part of the largest.
-
-Impulses pass it on from contact to contact. Tolerances relative to it would be far too small."""
+"""A velocity in a closed contact is rounding if its kinetic energy is below the square of this fraction times the
+largest. Impulses transmit it from contact to contact. Tolerances relative to it would be far too small.
+"""
 
 MODELS_KEPT = 16
-"""Number of models whose functions of contacts, and whose modes, are kept."""
+"""Largest number of models whose contact functions and modes are cached."""
 
 SLOW_SHARE = 1e-3
-"""Fraction of the largest rates of all contacts that is used as the scale of a contact at rest."""
+"""Fraction of the largest rates of all contacts that serves as the scale of a contact at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """The contacts at a state.
+    """The contacts at a state. `gaps` (k,) are their gaps; all other fields have rows for gap rates and slips.
 
-    `gaps` (k,) are their gaps. The rows of the other fields are, for each contact, dgap/dt, then its slips: the
-    `rates` (rows,), their `directions` (rows, n) by the velocities, the `bias` (rows,) of their derivatives by time at
-    zero acceleration. A unit force along each row causes the accelerations `responses` (n, rows) under stated
-    constraints. Gaps count as zero up to `near` (k,), rates up to `noise` (rows,), and velocities up to `still` (n,).
+    The rows are, for each contact, dgap/dt, then its slips. Their `rates` are (rows,), their `directions` by the
+    velocities (rows, n). `bias` (rows,) are their derivatives by time at zero acceleration. A unit force along each row
+    causes the accelerations `responses` (n, rows), under the stated constraints. Gaps count as zero up to `near` (k,),
+    rates up to `noise` (rows,), and velocities up to `still` (n,).
     """
 
     gaps: FloatArray
@@ -66,13 +66,13 @@ class Touch:
 
     @cached_property
     def compliance(self) -> FloatArray:
-        """Changes of the rates that unit forces along each row cause, (rows, rows)."""
+        """Change of each rate caused by a unit force along each row, (rows, rows)."""
         return self.directions @ self.responses
 
 
 @lru_cache(maxsize=MODELS_KEPT)
 def contact_function(model: Model) -> Kernel:
-    """Return the gaps, rates, biases and directions of the contacts of a model as a function, made once for it."""
+    """Return the gaps, rates, biases and directions of the contacts of a model as a function, cached by model."""
     equations = model.equations
     stated: dict[str, Any] = {}
     holonomic = []
@@ -87,7 +87,7 @@ def contact_function(model: Model) -> Kernel:
 
 
 def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
-    """Return nodes as a function in Python where it is not too long: a run calls it some times for each transition."""
+    """Return nodes as a kernel, in printed Python if it is short: a run calls it a few times at each transition."""
     kernel = model.function(name, nodes)
     return PythonKernel(kernel.program) if fits(kernel.program) else kernel
 
@@ -95,7 +95,7 @@ def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
 class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
-    `rows` has the rows of each contact: that of dgap/dt, which is also in `normals`, then those of its slips.
+    `rows` has the rows of each contact: the row of dgap/dt, which is also in `normals`, then those of its slips.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
@@ -124,16 +124,16 @@ class Kinematics:
 
     @property
     def restitutions(self) -> list[float | None]:
-        """The restitution of each contact, None where it depends on the impact speed."""
+        """The restitution of each contact, None if it depends on the impact speed."""
         return [float(e) if e.is_number else None for e in self._restitution]
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gaps (k, N) at times (N,) and states (2n, N), and the gap (k,) up to which each counts as zero."""
+        """Return the gaps (k, N) at times (N,) and states (2n, N), and the sizes (k,) up to which they are zero."""
         found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
         return found.copy(), np.full(len(found), TOUCHING * max(self._places.max(), np.abs(found).max()))
 
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
-        """Return whether gap and gap rate of a contact are zero at states (2n, N), and slips where it is sticking."""
+        """Return True if gap and gap rate of a contact are zero at states (2n, N), and its slips at `sticking` ones."""
         k, mine = len(self.normals), self.rows[contact]
         values = np.asarray(self._kernel(times, states, self.parameters))
         gap, rate, slips = values[contact], values[k + mine[0]], values[[k + row for row in mine[1:]]] * sticking
@@ -141,7 +141,10 @@ class Kinematics:
         return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= still).all() and (np.abs(slips) <= still).all())
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
-        """Return the contacts at a state (2n,), with the responses `before` if only velocities or round-off differ."""
+        """Return the contacts at a state (2n,).
+
+        Responses are taken from `before` if only velocities or rounding differ.
+        """
         n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
         gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
@@ -172,9 +175,9 @@ class Kinematics:
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
     def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], kept: Sequence[int] = ()) -> FloatArray:
-        """Return a state whose gaps of some contacts are closed by a step of Newton's method, by the least change.
+        """Return a state whose gaps of `contacts` are closed, by one Newton step with the least change.
 
-        The kinetic energy measures the change. The gaps of the contacts `kept` stay as they are.
+        The kinetic energy measures the change. The gaps of the contacts `kept` are not changed.
         """
         if not contacts:
             return y
@@ -187,7 +190,7 @@ class Kinematics:
         return y
 
     def stated_directions(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the gradient (m, n) by the velocities of the stated constraints."""
+        """Return the gradients (m, n) of the stated constraints by the velocities."""
         n = self.model.dimension
         if not self.model.statement.constraints:
             return np.empty((0, n))
@@ -198,7 +201,7 @@ class Kinematics:
         return np.asarray(self.model.kernel("rhs")(t, y, self.parameters))[self.model.layout.v]
 
     def restitution(self, contact: int, speed: float) -> float:
-        """Return the restitution of a contact for an impact speed. Raises StatementError outside [0, 1]."""
+        """Return the restitution of a contact at an impact speed. Raises StatementError outside of [0, 1]."""
         value = float(self._restitution[contact].xreplace({impact_speed: Float(speed, 17)}))
         if not 0 <= value <= 1:
             each = self.contacts[contact]
@@ -209,7 +212,7 @@ class Kinematics:
         return value
 
     def friction(self, contact: int, slip: FloatArray, noise: FloatArray) -> Friction:
-        """Return the friction of a contact; surfaces slide where the slip exceeds its noise."""
+        """Return the friction of a contact. Surfaces slide if the slip exceeds its noise."""
         static, kinetic = self._friction[contact]
         if not len(slip) or static == 0:
             return Friction()

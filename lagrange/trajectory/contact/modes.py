@@ -25,28 +25,29 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 RELEASE, GAP, SLIP, CONE = "release", "gap", "slip", "cone"
-"""Ends of a mode: the normal force or the gap becomes zero, the slip becomes zero, friction reaches its cone."""
+"""Events that end a mode: the normal force becomes zero, the gap or the slip becomes zero, friction reaches its cone.
+"""
 
 SLOWEST = 1e-12
-"""Slip in a plane, as a fraction of the largest so far, at which it counts as zero: its direction is not smooth there.
-
-It is `rtol` where that is larger: steps pass over a slip that is smaller than their errors, and turn it back for ever.
-The rest of the slip is taken away by an impulse."""
+"""Slip in a plane, as a fraction of the largest so far, that counts as zero, because its direction is not smooth there.
+`rtol` is used if it is larger: steps pass over a slip that is smaller than their errors, and reverse it again and
+again. An impulse removes the rest of the slip.
+"""
 
 EVENTS_KEPT = 8
-"""Number of lists of events that are cached with a mode, so that its runs use the same drivers."""
+"""Largest number of lists of events that are cached with a mode, so that its runs use the same drivers."""
 
 Way = int | None
-"""Direction of sliding along a single slip component, 1 or -1; None in a plane and for contacts that do not slide."""
+"""Direction of sliding along a single slip component, 1 or -1. None in a plane, and for contacts that do not slide."""
 
 
 @dataclass(frozen=True)
 class Mode:
     """The state of each contact, and the direction of those that slide along a line.
 
-    `kept` are the independent ones of the constraints if some follow from others, which then share their forces; else
-    None. `bouncing` are the contacts that are closed on average while impacts accumulate. `slowest` is the slip in a
-    plane that counts as zero. If `still`, nothing can move: contacts that slide by their forces are at rest.
+    `kept` are the independent constraints if some follow from others, which then share their forces; else None.
+    `bouncing` are the contacts that are closed on average while impacts accumulate. `slowest` is the slip in a plane
+    that counts as zero. If `still`, nothing can move: contacts that would slide by their forces are at rest.
     """
 
     states: tuple[str, ...]
@@ -63,7 +64,7 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The state of each contact as results show it."""
+        """The state of each contact, as results show it."""
         states = (STICKING if self.still and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
@@ -76,10 +77,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each.
+    """A compiled mode: its model, its events after those of the user, and the contact and the kind of each.
 
-    `zeros` returns the values of the events that end it, (k,), by a time and a state. With a written `friction` its
-    events are last.
+    `zeros` evaluates the events that end the mode, (k,), at a time and a state. With written `friction`, its events
+    come last.
     """
 
     model: Model
@@ -89,12 +90,12 @@ class PreparedMode:
 
     @property
     def own(self) -> slice:
-        """Indices of the events that end the mode, among the events of its runs."""
+        """Indices of the events that end the mode, among all events of its runs."""
         last = len(self.events) - (0 if self.friction is None else len(self.friction.events))
         return slice(last - len(self.ends), last)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N), from states of the mode's model."""
+        """Return states (2n,) or (2n, N) of the system from states of the mode's model."""
         return y if self.friction is None else self.friction.plain(y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
@@ -113,7 +114,7 @@ class PreparedMode:
 
 
 class Modes:
-    """The modes of a model with contacts, each compiled when it is first met."""
+    """The modes of a model with contacts, each compiled at its first use."""
 
     def __init__(self, model: Model) -> None:
         self.model, self.contacts = model, model.statement.contacts
@@ -123,11 +124,11 @@ class Modes:
 
     @cached_property
     def written(self) -> WrittenImpacts | None:
-        """The impacts written out where all contacts are open, None if that is not possible."""
+        """The impacts written out for the mode with only open contacts, or None if that is not possible."""
         return written_impacts(self.model)
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
-        """Return the written friction of the only closed contact of a mode, None if that is not possible."""
+        """Return the written friction of the only closed contact of a mode, or None if that is not possible."""
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.kept is not None:
             return None
@@ -139,10 +140,10 @@ class Modes:
     def prepared(
         self, mode: Mode, problem: Problem, written: WrittenImpacts | None, friction: WrittenFriction | None, most: int
     ) -> PreparedMode:
-        """Return a mode in which a problem goes on, with the events of the problem before its own.
+        """Return the mode in which a problem continues, with the user's events before those of the mode.
 
-        Impacts that are `written` out are resets inside the loop over steps, up to the number `most` of a contact. So
-        are the changes between sliding and sticking if `friction` is written out.
+        Impacts that are `written` out are resets inside the loop over steps, up to `most` impacts of a contact. So are
+        changes between sliding and sticking if `friction` is written out.
         """
         plain = mode if friction is None else mode.going(friction.which, 0)
         key = replace(plain, bouncing=()), friction, problem.events, 0 if written is None else most
@@ -160,7 +161,7 @@ class Modes:
             if friction is not None:
                 absent[self.contacts[friction.which].normal] = friction.normal
                 pairs = [(_present(event, absent), end) for event, end in zip(own, ends, strict=True)]
-                # A constant normal force never ends the mode.
+                # If the normal force is constant, it never ends the mode.
                 pairs = [pair for pair in pairs if pair[1][1] in (RELEASE, GAP) and pair[0].expression.has(time)]
                 own = (*(event for event, _ in pairs), *friction.events)
                 ends = tuple(end for _, end in pairs)
@@ -177,15 +178,15 @@ class Modes:
         return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
 
     def without_time(self, expressions: Iterable[Any]) -> bool:
-        """Return whether expressions depend on time through coordinates and velocities alone."""
+        """Return True if expressions depend on time through coordinates and velocities only."""
         stated = self.model.statement
         rates, places = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
         return not any(expression.xreplace(rates).xreplace(places).has(time) for expression in expressions)
 
     def leaves_no_freedom(self, mode: Mode) -> bool:
-        """Return whether the constraints of a mode allow no motion, so that a body stays at rest for ever.
+        """Return True if the constraints of a mode allow no motion, so that a body stays at rest forever.
 
-        Rounding of its accelerations would be all that a method has to follow.
+        A method would only follow the rounding of its accelerations.
         """
         count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
         if count < self.model.dimension or not self.timeless:
@@ -196,14 +197,14 @@ class Modes:
 
     @cached_property
     def _holds_rest(self) -> list[bool]:
-        """True for each contact whose slip is zero at rest, unlike that of a belt; the last for stated constraints."""
+        """True for each contact whose slip is zero at rest (not that of a belt); last, for stated constraints."""
         stated = self.model.statement
         rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
         rates = [*(each.slip for each in self.contacts), [c.expression for c in stated.constraints if not c.holonomic]]
         return [all(sympy.expand(rate.xreplace(rest)).is_zero for rate in of) for of in rates]
 
     def constraint_count(self, mode: Mode) -> int:
-        """Return the number of constraints of a mode, stated ones and those of closed contacts."""
+        """Return the number of constraints of a mode: stated ones, and those of closed contacts."""
         pairs = zip(self.contacts, mode.states, strict=True)
         held = [1 + (state == STICKING) * len(each.slip) for each, state in pairs if state != OPEN]
         return len(self.model.statement.constraints) + sum(held)
@@ -219,15 +220,15 @@ class Modes:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def modes_of(model: Model) -> Modes:
-    """Return the modes of a model, cached with it."""
+    """Return the modes of a model, cached in the model."""
     return Modes(model)
 
 
 def mode_statement(statement: Statement, mode: Mode) -> Statement:
     """Return the statement of a mode, without contacts: closed gaps are constraints, and friction is a force.
 
-    A contact that sticks is a constraint on velocities as well. One that slides has the force -mu lambda dslip/dv
-    against its slip, with the multiplier lambda of its gap.
+    A contact that sticks is also a constraint on velocities. One that slides has the force -mu lambda dslip/dv against
+    its slip, with the multiplier lambda of its gap.
     """
     constraints, forces = list(statement.constraints), list(statement.forces)
     for each, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
@@ -253,7 +254,7 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
 
 
 def sliding_friction(each: Contact, way: Way) -> list[Any]:
-    """Return the friction forces along the slip components of a contact that slides."""
+    """Return the friction forces of a sliding contact, one for each slip component."""
     size = each.friction[1] * each.normal
     if len(each.slip) == 1:
         return [-size * way]
@@ -265,7 +266,7 @@ def _speed(each: Contact) -> Any:
 
 
 def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
-    """Return the events that end a mode, each with its contact and its kind."""
+    """Return the events that end a mode, and the contact and the kind of each."""
     zeros: list[Any] = []
     ends = []
     for i, (each, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
@@ -286,7 +287,7 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], t
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
-    """Return an event with zero for the normal forces of open contacts; one that is then constant never occurs."""
+    """Return an event with zero for the normal forces of open contacts. If it is then constant, it never occurs."""
     zero = event.expression.xreplace(absent)
     if zero == event.expression:
         return event

@@ -1,4 +1,4 @@
-"""Run through contacts: segments of constant mode, joined by impacts and by changes of the mode."""
+"""Run through contacts: segments with a constant mode, joined by impacts and changes of the mode."""
 
 from __future__ import annotations
 
@@ -34,40 +34,43 @@ from lagrange.trajectory.parts import (
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 MOST_REPEATS = 3
-"""Largest number of repetitions of a segment that ends where it begins because of round-off."""
+"""Largest number of repetitions of a segment that ends where it begins, because of rounding."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Number of times in a segment at which open gaps are looked at, and the overlap that is more than errors, as a part of
-the terms of the gap: the fixed part or that many times `rtol`, whichever is larger."""
+"""Number of times in a segment at which open gaps are tested; and the overlap that exceeds errors, as a fraction of the
+terms of the gap. This is the fixed fraction or that many times `rtol`, whichever is larger.
+"""
 
 NEARBY = 2.0**-16
-"""Part of a segment, before its end, over which the derivative of an event is a difference; zeros are nearer."""
+"""Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference. Zeros
+at the end are nearer.
+"""
 
 STEPS_OUTSIDE = 30
-"""Number of Newton steps in the search for a start outside of all bodies, for an error message."""
+"""Number of Newton steps in the search for a start outside of all bodies, which an error message shows."""
 
 MOST_AT_ONCE = 32
 """Largest number of changes of the mode at one instant."""
 
 SHORTEST_REST = 2.0**-36
-"""Time until impacts have ended, as a fraction of the time, below which no segment is run for it."""
+"""Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
 
 FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
-"""Statuses of a segment that is run again with a check of each impact and each change of the mode."""
+"""Statuses after which a segment is run again, with a check of each impact and each change of the mode."""
 
 
 def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
-    """Return the run of a problem whose statement has contacts; `run` runs a problem without.
+    """Return the run of a problem whose statement has contacts. `run` runs a problem without contacts.
 
-    Raises StatementError for a start inside a body, and for a run backwards.
+    Raises StatementError for a start inside a body, and for a run backwards in time.
     """
     return _ContactRun(problem, run).trajectory()
 
 
 class _ContactRun:
-    """A run in progress: its parts, and the mode, time and state at which it goes on.
+    """A run in progress: its parts, and the mode, time and state at which it continues.
 
-    `prepared` is the last mode, `found` its segment, and `end_state` (2n,) the state there before any reset.
+    `prepared` is the last mode, `found` its segment, and `end_state` (2n,) the state at its end before any reset.
     """
 
     prepared: PreparedMode
@@ -135,7 +138,7 @@ class _ContactRun:
         return replace(found, contacts=self._history())
 
     def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
-        """Append a segment with its mode to the run."""
+        """Append a segment and its mode to the run."""
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
@@ -167,7 +170,7 @@ class _ContactRun:
         )
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
-        """Run a segment in a mode, keep it with the events of the user alone, and return the mode."""
+        """Run a segment in a mode, store it with the user's events only, and return the mode."""
         users, written = len(self.problem.events), None if mode.closed else self.written
         friction = self.modes.friction(mode) if self.frictions else None
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
@@ -215,7 +218,7 @@ class _ContactRun:
         return self.kept[-1]
 
     def _holds_still(self, mode: Mode) -> bool:
-        """Return whether a mode stays for ever, and no event of the user occurs."""
+        """Return True if a mode lasts forever, and no event of the user occurs."""
         zeros = [event.expression for event in self.problem.events]
         return mode.still and self.modes.without_time(zeros)
 
@@ -225,10 +228,7 @@ class _ContactRun:
         return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
-        """Return a segment.
-
-        Its status is UNRELIABLE if bodies overlap in it, because an impact was missed.
-        """
+        """Return a segment; its status is UNRELIABLE if bodies overlap in it, because an impact was missed."""
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
@@ -243,9 +243,10 @@ class _ContactRun:
         return replace(part, status=Status.UNRELIABLE, message=f"{part.message} {note}")
 
     def _passed_changes(self, friction: WrittenFriction, mode: Mode) -> list[tuple[float, Mode]] | None:
-        """Return the changes between sliding and sticking in the last segment, each with its time and the mode after.
+        """Return the changes between sliding and sticking in the last segment: for each the time and the mode after it.
 
-        None if the segment must be run again without them: a step failed, or round-off opened the gap or began a slip.
+        None means that the segment must be run again without compiled changes: a step failed, or rounding opened the
+        gap or began a slip.
         """
         found, last = self.found, last_state(self.found)
         if found.status in FAILED:
@@ -261,7 +262,7 @@ class _ContactRun:
         return [(t, following[round(way)]) for t, way in changes if not (ends and t == found.span[1])]
 
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
-        """Record the impacts inside the last segment; return False if it must be run again without compiled impacts.
+        """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
         Impacts of several contacts at one instant, and steps that fail, need a test of each impact.
         """
@@ -291,14 +292,14 @@ class _ContactRun:
         return True
 
     def _fired(self) -> list[tuple[int, str]]:
-        """Return the contacts whose events ended the last segment, with the kind of each."""
+        """Return the contacts whose events ended the last segment, each with the kind of its event."""
         if self.found.status is not Status.EVENT:
             return []
         pairs = zip(self.prepared.ends, self.found.t_events[self.prepared.own], strict=True)
         return [which for which, when in pairs if len(when) and when[-1] == self.found.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
-        """Return whether a segment ends where it begins, at a gap that opens or a slip that begins."""
+        """Return True if a segment ends where it begins, at a gap that opens or a slip that begins."""
         end, fired = self.found.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False
@@ -307,9 +308,10 @@ class _ContactRun:
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
     def _locate_end(self, segment: Problem) -> None:
-        """Set the contacts that end the last segment, and its end, before any reset, to where an event is zero.
+        """Set the contacts that end the last segment, and set its end, before any reset, to the zero of an event.
 
-        A series has the zero to the tolerance of the run. From there the motion is followed for the time that is left.
+        A series locates the zero to the tolerance of the run only. The motion is followed from there for the remaining
+        time.
         """
         found, (begin, end), y = self.found, self.found.span, self._end_state()
         self.fired = self._fired()
@@ -392,7 +394,7 @@ class _ContactRun:
         return f"The nearest start outside has {listing(moved)}."
 
     def _note(self) -> str:
-        """Return sentences for the message on impacts that accumulate."""
+        """Return the sentences of the message on impacts that accumulate."""
         told = []
         for each, times in zip(self.contacts, self.rests, strict=True):
             if times:
@@ -415,7 +417,7 @@ class _ContactRun:
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
-    """Return a segment whose state at its end, if that is an output, is y (2n,)."""
+    """Return a segment in which the state at the end, if it is an output, is y (2n,)."""
     if not len(part.t) or part.t[-1] != part.span[1] or (part.y[:, -1] == y).all():
         return part
     return replace(part, y=np.column_stack([part.y[:, :-1], y]))

@@ -1,4 +1,4 @@
-"""Transitions between modes: impacts of bodies that close a gap, and the mode that follows."""
+"""Transitions between modes: impacts that close a gap, and the mode that follows."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from lagrange.trajectory.contact.undetermined import Undetermined, undetermined
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
-"""Largest number of impacts in a sequence at one instant. The rates that are left after them are stopped at once."""
+"""Largest number of impacts in a sequence at one instant. The rates that remain after them are stopped at once."""
 
 IMPACT_NOISE = 1e-13
-"""A gap rate after an impact is round-off below this part of the speed of the impact."""
+"""A gap rate after an impact is rounding if it is below this fraction of the speed of the impact."""
 
 UNCOUPLED = 1e-12
 """Two contacts are uncoupled if the response of one to the other is below this fraction of the largest response."""
 
 SMALLEST_GAP = 64 * 2.0**-52
-"""A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""
+"""A contact whose gap would remain below this fraction of its terms does not open: the run could not detect its
+closing.
+"""
 
 
 @dataclass(frozen=True)
 class Impact:
-    """An impact of one contact: time, normal impulse, friction impulse (components,), and the energy that it takes."""
+    """An impact of one contact: time, normal impulse, friction impulse (components,), and the energy that is lost."""
 
     t: float
     impulse: float
@@ -42,10 +44,10 @@ class Impact:
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """What follows a transition: the state (2n,), the mode, and the impacts by contact; `speeds` are their speeds.
+    """Result of a transition: the state (2n,), the mode, and the impacts by contact with their `speeds`.
 
     `before` (2n,) is the state before impacts, without overlap. `unseen` are contacts that open and would close again
-    before round-off shows a gap.
+    before the gap exceeds rounding.
     """
 
     y: FloatArray
@@ -57,7 +59,7 @@ class Behind:
 
 
 class Transitions:
-    """Computes the state and the mode after the end of a mode."""
+    """Computes the state and the mode after a mode ends."""
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
@@ -76,12 +78,12 @@ class Transitions:
         freed: Collection[int] = (),
         plastic: Collection[int] = (),
     ) -> Behind:
-        """Return what follows a mode that ends at a state.
+        """Return the result of the transition after a mode that ends at a state (2n,).
 
-        The contacts that end it: those `met` whose gap became zero, `released` ones whose normal force did, `stopped`
-        ones whose slip did, and `freed` ones whose friction reached its cone. Impacts of `plastic` contacts have no
-        restitution, and stay closed.
-        Raises `Undetermined` if the laws of contact do not determine what follows.
+        The contacts that end it: `met` ones, whose gap became zero; `released` ones, whose normal force did; `stopped`
+        ones, whose slip did; `freed` ones, whose friction reached its cone. Impacts of `plastic` contacts have no
+        restitution, and the contacts stay closed. Raises `Undetermined` if the laws of contact do not determine the
+        result.
         """
         kin = self.kinematics
         touch = kin.at(t, y)
@@ -116,7 +118,7 @@ class Transitions:
         return Behind(y, before, following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
-        """Return the directions, against the friction force, in which contacts at their cone begin to slide."""
+        """Return the directions in which contacts at their cone begin to slide, opposite to the friction force."""
         model = self.modes.model_of(mode)
         forces = dict(
             zip(
@@ -140,7 +142,7 @@ class Transitions:
         closing: Sequence[int],
         plastic: Collection[int],
     ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
-        """Return the state behind an impact, the impact of each contact, and the speeds of the closing ones."""
+        """Return the state after an impact, the impact of each contact, and the speeds of the `closing` contacts."""
         kin, v = self.kinematics, self._layout.v
         matrix, law = touch.compliance, self.modes.model.statement.simultaneous
         if not law and self._coupled(matrix, touching):
@@ -174,7 +176,7 @@ class Transitions:
         return after, tuple(impacts), tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
 
     def _coupled(self, matrix: FloatArray, touching: Sequence[int]) -> bool:
-        """Return whether an impulse at one of some contacts changes the rates of another."""
+        """Return True if an impulse at one of the touching contacts changes the rates of another."""
         others = np.abs(matrix)
         for rows in self.kinematics.rows:
             others[np.ix_(rows, rows)] = 0.0
@@ -189,9 +191,9 @@ class Transitions:
         chosen: Sequence[int],
         plastic: Collection[int],
     ) -> FloatArray:
-        """Return the impulses (rows,) of an impact of the chosen contacts by Newton's and Coulomb's law.
+        """Return the impulses (rows,) of an impact of the `chosen` contacts, by Newton's and Coulomb's laws.
 
-        The contacts are those at a state y (2n,), and `rates` (rows,) are those before the impact.
+        The contacts are those at a state y (2n,); `rates` (rows,) are those before the impact.
         """
         kin = self.kinematics
         laws, rows, shift = [], list[int](), list[float]()
@@ -201,7 +203,7 @@ class Transitions:
             e = 0.0 if i in plastic or not speed else kin.restitution(i, speed)
             law = kin.friction(i, np.zeros(len(along)), np.zeros(1))
             if along and np.linalg.norm(rates[along]) > touch.noise[along].max():
-                # Surfaces that slide into an impact are stopped by kinetic friction; static friction is that of rest.
+                # Kinetic friction stops surfaces that slide into an impact; static friction acts at rest.
                 law = replace(law, static=law.kinetic)
             laws.append(law)
             rows += [normal, *along[: law.components]]
@@ -213,7 +215,7 @@ class Transitions:
         return impulses
 
     def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
-        """Return the only solution of a list. Raises `Undetermined` if there is none, or several."""
+        """Return the only solution of a list. Raises `Undetermined` if there is none, or if there are several."""
         if len(found) == 1:
             return found[0]
         raise undetermined(self.kinematics, touch, y, chosen, len(found), what)
@@ -229,9 +231,9 @@ class Transitions:
         released: Collection[int],
         near: Sequence[int],
     ) -> tuple[FloatArray, Mode, FloatArray]:
-        """Return the state and the mode after a transition, for contacts `resting` with zero gap and gap rate.
+        """Return the state and the mode after a transition, for `resting` contacts with zero gap and gap rate.
 
-        The third result are the second derivatives of gaps, and the first of slips, by time, (rows,).
+        The third result are the second derivatives of gaps by time, and the first derivatives of slips, (rows,).
         """
         kin, count = self.kinematics, len(self.kinematics.contacts)
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
@@ -279,9 +281,9 @@ class Transitions:
         return self._entered(y, touch, mode, begins), mode, pulls
 
     def _turned(self, y: FloatArray, entered: FloatArray, touch: Touch, mode: Mode) -> list[int]:
-        """Return the contacts that slide along a line against the way of a mode, `entered` from a state y (2n,).
+        """Return the contacts that slide along a line against the direction of a mode `entered` from a state y (2n,).
 
-        Their slip is round-off that entering the mode took away: they are at rest.
+        Their slip is rounding that entering the mode removed: they are at rest.
         """
         change = entered[self._layout.v] - y[self._layout.v]
         turned = []
@@ -293,7 +295,7 @@ class Transitions:
         return turned
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
-        """Return the independent ones of the constraints of a mode if some follow from others, else None."""
+        """Return the independent constraints of a mode if some follow from others, else None."""
         held = touch.directions[self._held_rows(states)]
         if len(held) < 2:
             return None
@@ -302,7 +304,7 @@ class Transitions:
         return None if len(kept) == len(stated) + len(held) else kept
 
     def _held_rows(self, states: Sequence[str]) -> list[int]:
-        """Return the rows that are constraints in a mode."""
+        """Return the rows of gaps and slips that are constraints in a mode."""
         kin = self.kinematics
         rows = []
         for i, state in enumerate(states):
@@ -312,10 +314,10 @@ class Transitions:
         return rows
 
     def _entered(self, y: FloatArray, touch: Touch, mode: Mode, begins: dict[int, float]) -> FloatArray:
-        """Return a state whose velocities satisfy the constraints of a mode.
+        """Return a state whose velocities satisfy the constraints of a mode, by the least change.
 
-        Velocities of round-off become zero by the least change that the kinetic energy measures. Rows of `begins`, a
-        slip or a gap that begins to grow, get the given rates: round-off in their accelerations could end them again.
+        The kinetic energy measures the change; velocities that are rounding become zero. Rows of `begins`, a slip or a
+        gap that begins to grow, get the given rates: rounding of their accelerations could end them again.
         """
         held = self._held_rows(mode.states)
         if not held and not begins:

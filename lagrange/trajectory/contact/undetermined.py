@@ -14,19 +14,19 @@ from lagrange.trajectory.contact.kinematics import Kinematics, Touch
 from lagrange.trajectory.trajectory import FloatArray
 
 LONGEST_REGION = 120
-"""Most characters of the condition of Painleve's paradox in a message."""
+"""Largest number of characters of the condition of Painleve's paradox in a message."""
 
 
 class Undetermined(RunError):
-    """The laws of contact have no consistent next motion, or several."""
+    """Error: the laws of contact allow no consistent next motion, or several."""
 
 
 def undetermined(
     kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int], count: int, what: str
 ) -> Undetermined:
-    """Return the error for contacts `chosen` at a state y (2n,), where the laws allow `count` motions.
+    """Return the error for contacts `chosen` at a state y (2n,) at which the laws allow `count` motions.
 
-    `what` is a motion or an impact. With several motions, contacts that depend on each other are the cause.
+    `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.
     """
     names = listing(repr(kin.contacts[i].name) for i in chosen)
     rows = touch.directions[[kin.normals[i] for i in chosen]]
@@ -44,7 +44,7 @@ def undetermined(
 
 
 def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) -> str:
-    """Return the region of the paradox: a condition in the user's symbols, or else the coordinates."""
+    """Return the region of the paradox: a condition in the user's symbols, or the coordinates."""
     for i in chosen:
         normal, *along = kin.rows[i]
         for way in (1, -1) if len(along) == 1 else ():
@@ -60,7 +60,7 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
 
 
 def _region(model: Model, which: int, way: int) -> str:
-    """Return the change of the gap rate by a unit normal force while a contact slides `way`, "" if it is too long."""
+    """Return the gap rate's change by a unit normal force while a contact slides along `way`; "" if too long."""
     statement, each = model.statement, model.statement.contacts[which]
     mass = None if statement.constraints else coupling(statement)
     if mass is None:

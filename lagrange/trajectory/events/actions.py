@@ -1,4 +1,4 @@
-"""Events of a run as nodes: directions that count, terminal counts, and resets as compiled functions."""
+"""Events of a run as nodes: the directions that count, terminal counts, and resets as compiled functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ JUMPING = frozenset(("sign", "atan2", "piecewise"))
 """Functions with jumps inside their domain."""
 
 ALIKE = 1e-9
-"""Relative difference up to which two resets of one entry at the same time agree: they and the time are rounded."""
+"""Largest relative difference of two resets of one entry at the same time that agree. They and the time are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,8 @@ class Impact:
     """An event of a model, whose expression is `node`.
 
     The `rows` of the state are reset to the results of `kernel`, from index `first` on. A `root` is not an event of the
-    user, but a square root in the equations of motion, whose series ends where it is zero. `model` is that of a reset.
+    user, but a square root in the equations of motion, whose series ends where it is zero. `model` is the model of a
+    reset.
     """
 
     node: Node
@@ -59,7 +60,7 @@ class Impact:
 
     @property
     def contact(self) -> bool:
-        """True for a reset in one direction only: the motion must stay on the side from which it came."""
+        """True for a reset in one direction only: the motion must remain on the side from which it came."""
         return self.reset and self.direction != 0
 
     @property
@@ -69,15 +70,15 @@ class Impact:
 
     @property
     def reaction(self) -> Reaction:
-        """The settings of the event in the memory of a compiled loop."""
+        """The settings of the event for the memory of a compiled loop."""
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
-        """Return True if a zero with this direction is an event: 1, -1, or 0 for a touch."""
+        """Return True if a zero with a direction is an event: 1 rising, -1 falling, or 0 for a touch."""
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
-        """Write the reset entries into `state` (2n,), computed from the state and the parameters (k,) before.
+        """Write the reset entries to `state` (2n,), computed from the state `before` and the parameters (k,).
 
         An entry that another event at the same time resets to a different value becomes nan.
         """
@@ -98,8 +99,8 @@ def reset_state(
 ) -> tuple[FloatArray, EventResult]:
     """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
-    `resets` are events with their numbers. Every reset is computed from the state before. With constraints the new
-    state is treated like an initial state. The state before satisfies them only up to the error of the step, so the
+    `resets` maps events to their numbers. Every reset is computed from the state `before`. With constraints the new
+    state is treated like an initial state. The state before satisfies them only up to the error of the step. So the
     reset is judged by its effect on the nearest state that satisfies them exactly.
     """
     after = _reset(resets, t, before, parameters)
@@ -131,7 +132,7 @@ def reset_state(
 
 
 def _left_open(model: Model, resets: Iterable[Impact]) -> list[int]:
-    """Return the rows of velocities without inertia that no reset names: the equations determine them."""
+    """Return the rows of velocities without inertia that no reset sets: the equations determine them."""
     named = [row for impact in resets for row in impact.rows]
     return [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
 
@@ -144,12 +145,12 @@ def _reset(resets: Iterable[Impact], t: float, before: FloatArray, parameters: F
 
 
 def root_of(node: Node) -> Impact:
-    """Return a square root as an event that ends the run: after its zero the series has the wrong sign."""
+    """Return a square root as an event that ends the run: after its zero the series would have the wrong sign."""
     return Impact(node, 0, 1, (), None, root=True)
 
 
 def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
-    """Return the events of a run, translated for a model; one kernel computes all resets."""
+    """Return the events of a run, translated for a model. One kernel computes all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None
@@ -165,7 +166,7 @@ def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
 
 @lru_cache(maxsize=64)
 def rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    """Return the derivatives of nodes by time along the motion, by the accelerations of the equations."""
+    """Return the derivatives of nodes by time along the motion, with the accelerations of the equations."""
     ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
     return tuple(along(node) for node in nodes)

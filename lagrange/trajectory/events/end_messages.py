@@ -1,4 +1,4 @@
-"""Result of event processing, and the messages of ends at events: at rest, accumulating events, sliding, undefined."""
+"""Result of event processing, and the messages of ends at events: rest, accumulation, sliding, undefined values."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True)
 class EventResult:
-    """Result of event processing: a status if the run ends, with a sentence `detail`; `jumped` if the state jumped.
+    """Result of event processing: a status if the run ends, with a sentence `detail`; `jumped` if the state has jumped.
 
-    `smooth` says that the motion may continue although its series does not.
+    `smooth` is True if the motion may continue although its series does not.
     """
 
     status: Status | None = None
@@ -34,7 +34,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run whose events accumulate, with no time between them."""
+    """Return the end of a run whose events accumulate, so that the time does not advance."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
@@ -56,7 +56,7 @@ def unresolved(name: str) -> EventResult:
 
 
 def sliding(name: str, t: float) -> EventResult:
-    """Return the end of a run on a switching surface to which the motion leads back from both sides."""
+    """Return the end of a run on a switching surface to which the motion returns from both sides."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
@@ -66,7 +66,7 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def nowhere(name: str) -> EventResult:
-    """Return the end of a run whose reset gives a state that is not finite, in the names of the events."""
+    """Return the end of a run whose reset results in a state that is not finite; `name` has the events."""
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
@@ -76,7 +76,7 @@ def nowhere(name: str) -> EventResult:
 
 
 def off_constraints(names: str, violated: str) -> EventResult:
-    """Return the end of a run whose resets violate the constraints; `names` are the events, `violated` says how."""
+    """Return the end of a run whose resets violate constraints. `names` are the events; `violated` is the violation."""
     return EventResult(
         Status.DIVERGED,
         f"The reset where {names} is zero leads off the constraints: {violated} An impact changes velocities alone, "
@@ -86,7 +86,10 @@ def off_constraints(names: str, violated: str) -> EventResult:
 
 
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
-    """Return the end of a run where an event function has no value; `watched` (order + 1, functions) are its series."""
+    """Return the end of a run at a state without a value of an event function.
+
+    `watched` (order + 1, functions) are the series of the event functions.
+    """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(
         Status.NON_FINITE,
@@ -107,7 +110,7 @@ def rootless(name: str) -> EventResult:
 
 
 def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
-    """Return the end of a run at a point beyond which the series of an event function does not reach.
+    """Return the end of a run at a point after which the series of an event function is not valid.
 
     `smooth` is True for a switching surface in a branch that ends there, since the motion may continue.
     """

@@ -17,15 +17,16 @@ from lagrange.trajectory.events.zeros_on_step import EventZero
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
-"""Largest number of changes that one event may make at nearly the same time."""
+"""Largest number of changes that one event may cause at nearly the same time."""
 
 SAME_INTERVAL, MOST_SAME = 0.999, 8
-"""Intervals between resets no longer shrink if one has at least this fraction of the shortest before; largest number of
-them in a row."""
+"""Intervals between resets no longer decrease if one has at least this fraction of the shortest before it; largest
+number of such intervals in a row.
+"""
 
 
 class Occurrences:
-    """The occurrences of one event in order, for states of a `size`, stored singly and as arrays."""
+    """The occurrences of one event in order, for states of length `size`, stored singly and as arrays."""
 
     def __init__(self, size: int) -> None:
         self._parts: list[tuple[FloatArray, FloatArray, int, object]] = []
@@ -35,11 +36,11 @@ class Occurrences:
         return self._count
 
     def append(self, t: float, y: FloatArray, steps: int) -> None:
-        """Add an occurrence at a time and a state (2n,) that counts once `steps` steps are accepted."""
+        """Add an occurrence at a time and a state (2n,). It counts once `steps` steps are accepted."""
         self.extend(np.array([t]), y[None], steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
-        """Add occurrences, times (k,) and states (k, 2n), that count once `steps` steps are accepted.
+        """Add occurrences at times (k,) and states (k, 2n). They count once `steps` steps are accepted.
 
         A repeated call with the `mark` of the last call adds nothing.
         """
@@ -60,9 +61,10 @@ class Occurrences:
 
 
 class Breaks:
-    """The numbers of the rows of a run after which a new smooth piece begins, for states of a `size`.
+    """The rows of a run after which a new smooth piece begins, for states of length `size`.
 
-    The step before may have been cut: `times` (k,) and `states` (k, 2n) are the end of the whole step, NaN if not.
+    The step before may have been shortened. `times` (k,) and `states` (k, 2n) are the end of the whole step, NaN if it
+    was not.
     """
 
     def __init__(self, size: int) -> None:
@@ -73,7 +75,7 @@ class Breaks:
         return self._count
 
     def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
-        """Add a break; `whole` is the end of the step that was cut, or None."""
+        """Add a break after a row. `whole` is the end of the step before it was shortened, or None."""
         end, state = (math.nan, np.full(self._parts[0][2].shape[1], math.nan)) if whole is None else whole
         self.extend(np.array([row]), np.array([end]), state[None])
 
@@ -96,14 +98,14 @@ class Breaks:
 
 
 class EventLog:
-    """The occurrences of some events along a run, for states of a `size`; `state` is the driver's present state."""
+    """The occurrences of events along a run, for states of length `size`. `state` is the driver's present state."""
 
     def __init__(self, events: int, size: int) -> None:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
 
     def first_change(self, found: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
-        """Return the first zero that changes the motion: an event `impacts` there ends the run or resets the state."""
+        """Return the first of the zeros `found` that changes the motion by an event of `impacts`, or None."""
         seen = [len(times) for times in self.occurrences]
         for zero in found:
             place = zero.which
@@ -114,16 +116,16 @@ class EventLog:
         return None
 
     def occur(self, places: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
-        """Record that events occurred at the present state. Return True if one of them ends the run.
+        """Record events with indices `places` at the present state. Return True if one of them ends the run.
 
-        `places` are the indices of the events, and `impacts` all events.
+        `impacts` are all events.
         """
         for i in places:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
         return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in places)
 
     def keep(self, which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int) -> None:
-        """Add occurrences of the events `which` (k,); `steps` accepted steps are needed for them to count.
+        """Add occurrences of the events `which` (k,), which count once `steps` steps are accepted.
 
         `when` (k,) are the times in order, and `there` (k, 2n) the states.
         """
@@ -153,19 +155,19 @@ class EventLog:
 
 
 class ChangeCounter:
-    """Counts changes of the motion at nearly the same time, to detect that time no longer advances."""
+    """Counts changes of the motion at nearly the same time, to detect that the time does not advance."""
 
     def __init__(self) -> None:
         self.last = -math.inf
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Record a change by event `which` at a time that is far from others."""
+        """Record a change by event `which` at a time that is not close to other changes."""
         self.counts = Counter([which])
         self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
-        """Count changes at a time by the events `which`; return True if one of them changes the motion too often."""
+        """Count changes by the events `which` at a time. Return True if one of them changes the motion too often."""
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
         self.last = t
@@ -174,7 +176,7 @@ class ChangeCounter:
 
 
 class ResetIntervals:
-    """Detects intervals between resets that no longer shrink because only rounding noise separates them."""
+    """Detects that intervals between resets no longer decrease, because only rounding noise separates them."""
 
     def __init__(self) -> None:
         self.least = 0.0
@@ -185,9 +187,9 @@ class ResetIntervals:
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:
-        """Count an interval between two resets; return True if too many in a row no longer shrink.
+        """Count an interval between two resets. Return True if too many in a row no longer decrease.
 
-        `unseen` says that the event function did not exceed rounding noise in between.
+        `unseen` is True if the event function did not exceed rounding noise in the interval.
         """
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1

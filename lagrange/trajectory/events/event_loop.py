@@ -1,4 +1,4 @@
-"""The compiled loop over steps with events: the decision to compile it, and the memory that it shares with a watch."""
+"""The compiled loop over steps with events: when it is compiled, and the memory that it shares with its caller."""
 
 from __future__ import annotations
 
@@ -23,28 +23,26 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512
-"""Expected number of steps of a run from which the loop is compiled.
-
-Compilation takes as long as a review on arrays of some thousand steps, once per process, and of some hundred steps for
-each other event.
+"""Expected number of steps of a run from which the loop is compiled. Compilation takes as long as a review on arrays of
+some thousand steps, once per process. For each other event it takes as long as some hundred steps.
 """
 
 ENOUGH = 16
-"""Number of steps from which the length of a run is estimated: the first steps are short."""
+"""Number of steps from which the length of a run is estimated; it is not smaller, because the first steps are short."""
 
 CHANGE_STEPS = 8
-"""Cost of one reset in the review on arrays, as a number of steps."""
+"""Cost of one reset in the review on arrays, in units of steps."""
 
 
 def inertia_stays(equations: Equations) -> bool:
-    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it vanish."""
+    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it zero."""
     alone = [block[0] for block in equations.plan.blocks if len(block) == 1]
     return all(equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
 
 
 @dataclass(eq=False)
 class WatchedEvents:
-    """The events of a run by a step program; the next run by its driver with the same events reuses them.
+    """The events of a run by a step program. The driver's next run with the same events uses them again.
 
     `kernel` evaluates the event functions. `steps` is the compiled loop, or None if no run was long enough. `dense` is
     a path through a first state, with the compiled dense output of all paths.
@@ -58,7 +56,7 @@ class WatchedEvents:
 
     @classmethod
     def of(cls, problem: Problem) -> WatchedEvents:
-        """Return the events of a problem, translated."""
+        """Return the translated events of a problem."""
         model = problem.model
         impacts = impacts_of(model, problem.events)
         kernel = model.function("events", tuple(one.node for one in impacts))
@@ -70,11 +68,11 @@ class WatchedEvents:
 
     @property
     def nbytes(self) -> int:
-        """The size of the memory of the loop in bytes."""
+        """Size of the memory of the loop in bytes."""
         return self.memory.nbytes
 
     def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> StepsPath:
-        """Return the path through accepted times (S+1,) and states (S+1, 2n); its code is compiled once."""
+        """Return the path through accepted times (S+1,) and states (S+1, 2n). Its code is compiled once."""
         if self.dense is not None:
             return replace(self.dense, times=times, states=states)
         path = path_of(times, states)
@@ -84,7 +82,7 @@ class WatchedEvents:
     def compiled(
         self, problem: Problem, driver: Driver, t: float, steps: int, changes: int, *, fixed: bool
     ) -> EventSteps | None:
-        """Return the loop, or None if the machine has none or the run seems short by its steps and resets up to t.
+        """Return the loop, or None if the machine has none, or if the run seems short by its steps and resets up to t.
 
         With error control the cubic through both ends of a step serves as a first test.
         """
@@ -107,10 +105,10 @@ class WatchedEvents:
         stayed: Mapping[int, float],
         zeros: Mapping[int, int],
     ) -> None:
-        """Write the sides of events for the loop, and the number of occurrences of each until the watch has to act.
+        """Write the sides of events for the loop, and the number of occurrences of each until the caller has to act.
 
-        At the start of a motion `stayed` are the sizes of event functions that are zero there, and `zeros` the
-        directions in which they came to zero.
+        At the start of a motion `stayed` are the sizes of event functions that are zero there. `zeros` are the
+        directions in which they reached zero.
         """
         memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]
@@ -125,7 +123,10 @@ class WatchedEvents:
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:
-        """Read events and resets from the loop. Events on steps not yet reviewed count once these are accepted."""
+        """Read events and resets from the loop.
+
+        Events on steps that are not reviewed yet count once these are accepted.
+        """
         memory = self.memory
         waits, proven, found = memory.waits, memory.run.proven, memory.happened()
         if waits:
@@ -143,6 +144,6 @@ class WatchedEvents:
 
     @property
     def zeros(self) -> dict[int, int]:
-        """The directions, by event, in which events came to zero at the start of the motion."""
+        """The directions in which events reached zero at the start of the motion, by event."""
         came = self.memory.came.tolist()
         return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}

@@ -34,10 +34,10 @@ from lagrange.trajectory.trajectory import FloatArray
 class MotionStart:
     """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
-    `first` is True at the start of the run. `stayed` are the sizes of event functions that count as zero, and `zeros`
-    the directions of the events that just occurred. `rested` are events with a reset that stayed at zero on the steps
-    since; their side is still open. `jumped` are events that occurred at a jump over zero: rounding decides on which
-    side of it the motion starts, so a second jump at once is the same jump.
+    `first` is True at the start of the run. `stayed` are the sizes of event functions that count as zero. `zeros` are
+    the directions of the events that have just occurred. `rested` are events with a reset that have been zero on the
+    steps since; their side is undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on
+    which side of a jump the motion starts, so a second jump at once is the same jump.
     """
 
     first: bool = False
@@ -54,10 +54,10 @@ def sides_behind(
     noise: FloatArray,
     happened: Container[int],
 ) -> list[Side]:
-    """Return the sides of event functions after a reset, from the sides before it. A side of sign 0 is open.
+    """Return the sides of event functions after a reset, from the sides before it. A side of sign 0 is undecided.
 
-    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened` have
-    an open side. A pending touch of a contact is cleared: a contact must not act without crossing.
+    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened` are
+    undecided. A pending touch of a contact is cleared: a contact must not act without crossing.
     """
     kept = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
@@ -67,9 +67,8 @@ def sides_behind(
 
 
 SMALL_FRACTION = 2.0**-26
-"""Fraction of a step over which the slope of an event is measured at the start of a motion.
-
-A slope below this fraction of the largest value on the step counts as zero.
+"""Fraction of a step over which the slope of an event is measured at the start of a motion. A slope below this fraction
+of the largest value on the step counts as zero.
 """
 
 
@@ -96,7 +95,7 @@ def sent_through(
     """Return a zero whose reset would send the motion through it, or None.
 
     The path of a long step may reach the floor although the velocity there already points upwards; a reset would
-    reverse it. `states` are those before and after the reset, `along` is the sign of the run's direction.
+    reverse it. `states` are those before and after the reset. `along` is the sign of the run's direction.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:
@@ -106,15 +105,15 @@ def sent_through(
 
 
 def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
-    """Return the size up to which a contact counts as zero: noise, or its change in a spacing of the run's times."""
+    """Return the size up to which a contact counts as zero: noise, or its change during a spacing of times."""
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
     return float(max(batch.noise[place, step], batch.sensitive[place, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return resting contacts: zero since an earlier event at the motion's start, and constant on the step.
+    """Return the resting contacts: zero since an earlier event at the motion's start, and constant on the step.
 
-    An example is a ball that has passed on its velocity and rests beside the next one; rounding moves them only.
+    An example is a ball that has passed on its velocity, and rests beside the next one. Only rounding moves them.
     """
     margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)

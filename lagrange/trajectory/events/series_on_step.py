@@ -1,4 +1,4 @@
-"""The Taylor series of event functions from a state on: its accuracy, and its rounding noise."""
+"""The Taylor series of event functions at a state: the time for which it is accurate, and its rounding noise."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class EventSeries:
     """Series at a state in the time unit `scale`: `rows` (order + 1, 2n + E) of the state and the event functions.
 
     `watched` (order + 1, E) are those of the event functions, and `noise` (E,) their rounding. `rtol` is the tolerance
-    of the series, and `unit` a time at which the terms of the event functions are compared.
+    of the series. `unit` is a time at which the terms of the event functions are compared.
     """
 
     scale: float
@@ -37,7 +37,10 @@ class EventSeries:
     def at(
         cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
     ) -> EventSeries:
-        """Return the series at a state (2n,); `scale` has the sign of the run. Raises SingularMassMatrix."""
+        """Return the series at a state (2n,); `scale` has the sign of the run's direction.
+
+        Raises SingularMassMatrix.
+        """
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
         watched = rows[:, size:]
@@ -52,11 +55,11 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series of an event function scaled by the function `near`, (order + 1,)."""
+        """Return the series of event function `which`, (order + 1,), scaled by `near` to comparable terms."""
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
-        """Return the sign with which an event function leaves zero, and the order; see the function `leaving`."""
+        """Return the sign with which an event function leaves zero, and the order that decides it."""
         tolerance = EVENT_SLACK * max(self.rtol, EPSILON)
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
@@ -69,8 +72,8 @@ class EventSeries:
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
     """Return the times, at most s, up to which the columns of a series are accurate.
 
-    A column of the series (order + 1, k) is accurate up to the tolerance, or to its noise (k,). Most series show by
-    their first and last two terms that they are accurate on the whole step.
+    A column of the series (order + 1, k) is accurate up to the tolerance, or to its noise (k,). For most series the
+    first and last two terms prove that they are accurate on the whole step.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):
@@ -82,7 +85,7 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
-    """Return the columns of a series scaled to the unit of time, or to its range if shorter, to compare their terms."""
+    """Return the columns of a series scaled to the time `unit`, or to the shorter time of its accuracy."""
     with np.errstate(all="ignore"):
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
 
@@ -90,11 +93,11 @@ def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> Flo
 def leaving(
     g: FloatArray, margin: float = math.inf, unit: float = 1.0, tolerance: float = 0.0, noise: float = math.inf
 ) -> tuple[int, int]:
-    """Return the sign of a function with the series g right after a start at zero, and the order of its leading term.
+    """Return the sign of a function with series g just after a start at zero, and the order of its leading term.
 
     If g stays zero, the sign is 0 and the order -1. If g is not zero at its start, up to rounding and the `margin`, the
-    result is its sign there and the order 0. Terms are compared at a time `unit`, or at the end of the range of g by
-    its tolerance and noise.
+    result is its sign there and the order 0. Terms are compared at a time `unit`, or at the end of the accurate range
+    of g, by its tolerance and noise.
     """
     sign, order = called(event_series.start_of_series.form())(g.tolist(), len(g), unit, tolerance, noise, margin)
     return sign, order
@@ -108,12 +111,12 @@ def _columns(series: FloatArray) -> list[list[float]]:
 
 @lru_cache(maxsize=64)
 def _ranks(order: int) -> FloatArray:
-    """Return 0, 1, ... up to the order."""
+    """Return the numbers 0, 1, ... up to the order, as a column."""
     return np.arange(order + 1.0)
 
 
 def signed_scale(state: DriverState) -> float:
-    """Return the scale of time of a driver's state, with the sign of the run's direction."""
+    """Return the time scale of a driver's state, with the sign of the run's direction."""
     left = state.reals[DriverState.END] - state.t
     scale = float(state.taylor.scale)
     return math.copysign(scale, left or scale)

@@ -44,11 +44,11 @@ S = DriverState
 
 
 class SeriesWatch(EventLog):
-    """Watches the surfaces and the events along a run; indices count surfaces first, then events.
+    """Watches the surfaces and the events along a run. Indices count surfaces first, then events.
 
     The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop
     over steps: that of a former run by the driver with the same parameters, or None. `zero_sides` are the sides before
-    the next step, `starting` has the functions that are zero there, and `pending` the events at the present state.
+    the next step. `starting` has the functions that are zero there, and `pending` the events at the present state.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SeriesWatch(EventLog):
         self.memory = memory
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin a run or a new motion: without surfaces the loop finds the sides, else this method."""
+        """Begin a run or a new motion. Without surfaces the loop determines the sides, else this method does."""
         first, self.state = self.state is None, state
         if not self.surfaces:
             self.leave_start_to_the_loop(state, first=first)
@@ -99,7 +99,7 @@ class SeriesWatch(EventLog):
         return self._begin(state)
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Find the sides of surfaces and events at the start of a motion, without the loop."""
+        """Determine the sides of surfaces and events at the start of a motion, without the loop."""
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.impacts_at_once(state, ())
@@ -107,7 +107,7 @@ class SeriesWatch(EventLog):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Make the change of the motion at which the loop stopped, or return why no step continues."""
+        """Make the change of the motion at which the loop stopped, or return the reason why no step is possible."""
         self.read(state)
         try:
             if self.unbegun:
@@ -117,11 +117,11 @@ class SeriesWatch(EventLog):
             self.write()
 
     def _step_refused(self, state: DriverState) -> EventResult:
-        """Return the end of the run at a state where the series of a watched function has no continuation."""
+        """Return the end of the run at a state at which the series of a watched function has no continuation."""
         look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
-            # On a surface rounding may leave the state where a branch that begins there has no value.
+            # On a surface, rounding may put the state where a branch that begins there has no value.
             return replace(result, smooth=result.smooth or self._switches(look, 0.0))
         limiting = int(self.memory.record.limiting)
         name, value = self.names()[limiting], float(look.watched[0, limiting])
@@ -144,7 +144,10 @@ class SeriesWatch(EventLog):
         return bool(self.pending)
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Leap over a point without a series; return the result after the leap or at a root, or None without a leap."""
+        """Pass over a point without a series.
+
+        Return the result after it, the end at a root, or None if it cannot be passed.
+        """
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
             return begun
@@ -156,7 +159,7 @@ class SeriesWatch(EventLog):
             sides = [self.zero_sides[i].sign for i in events]
             values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
             ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
-            # A zero at the start of the motion is not an event, but a leap must not pass one with a reset.
+            # A zero at the start of the motion is not an event, but a zero with a reset must not be passed.
             if all(
                 b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)
@@ -173,16 +176,16 @@ class SeriesWatch(EventLog):
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
-        """Return the end of the run if a square root of the equations becomes zero at the state, or None."""
+        """Return the end of the run if a square root of the equations becomes zero at the state, else None."""
         look, soon = self.ahead(state), LEAP_SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
-            # The radicand is the square of the root and falls twice as fast.
+            # The radicand is the square of the root, and decreases twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
         return None
 
     def _finish(self, state: DriverState) -> EventResult:
-        """Apply the pending zeros: cross surfaces, record events, reset the state or end the run."""
+        """Apply the pending zeros: cross surfaces, record events, reset the state, or end the run."""
         found, self.pending = self.pending, []
         if self.change_counter.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
@@ -207,11 +210,11 @@ class SeriesWatch(EventLog):
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return events at a surface with their direction after it: an event may turn back there, as abs(x) does."""
+        """Return the zeros of events at a surface, with the direction after it: abs(x), for example, turns back."""
         found = []
         for m in zeros:
             g = self.ahead(state).near(m.which)
-            if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
+            if clear(g):  # a jump: zero on one side of the surface, another value on the other
                 self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
                 found += [m] * (not self.is_root(m.which))
                 continue
@@ -221,7 +224,7 @@ class SeriesWatch(EventLog):
                 self.zero_sides[m.which] = Side(1)
                 continue
             self.zero_sides[m.which] = Side(after)
-            # The step may have ended after the zero, so its direction gives the side before.
+            # The step may have ended after the zero: then its direction gives the side before.
             side = -m.root.rising or before[m.which].sign
             found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
         return found
@@ -229,7 +232,7 @@ class SeriesWatch(EventLog):
     def _jump(
         self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
+        """Reset the state by the events `zeros` among those in `found`, and start a new motion."""
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
@@ -251,7 +254,7 @@ class SeriesWatch(EventLog):
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Continue with the other side of each crossed surface if the motion leaves to it.
+        """Continue on the other side of each crossed surface, if the motion leaves to that side.
 
         A motion that stayed on another surface by itself may leave it with the new equations.
         """
@@ -270,7 +273,7 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
-        """Find the side of every surface and event at the state, or right after it.
+        """Determine the side of every surface and event at the state, or just after it.
 
         `stayed` are the events that occurred here, with a size up to which, times 4, they count as zero. `before` is
         the series before a reset, or None.
@@ -302,7 +305,7 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
-        """Return the sides that events keep over a reset; events in `happened` have an open side."""
+        """Return the sides that events keep over a reset. Events in `happened` are undecided."""
         if before is None:
             return {}
         own = slice(self.surfaces, None)
@@ -323,7 +326,7 @@ class SeriesWatch(EventLog):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Pass the present sides to the driver, and ask it to return at its next step for an inspection."""
+        """Pass the present sides to the driver, and request a return at its next step for an inspection."""
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
@@ -331,9 +334,9 @@ class SeriesWatch(EventLog):
         state.taylor.inspect = 1
 
     def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
-        """Return contacts that act at the start of the motion, without those in `happened`, by rules of `sides_behind`.
+        """Return the zeros of contacts that act at the start of the motion, by the rules of `sides_behind`.
 
-        An example is a ball that starts on the floor and falls: it has to bounce.
+        Those in `happened` are left out. An example is a ball that starts on the floor and falls: it has to bounce.
         """
         found = []
         for place, impact in enumerate(self.impacts):
@@ -347,7 +350,7 @@ class SeriesWatch(EventLog):
         return found
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Return the series at the state, or at y, with the present sides; the last result is cached."""
+        """Return the series at the state, or at y, with the present sides. The last result is cached."""
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
         key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
@@ -370,7 +373,7 @@ class SeriesWatch(EventLog):
         self.memory.record.jumps += 1
 
     def impact_of(self, zero: EventZero) -> Impact:
-        """Return the event to which a zero belongs."""
+        """Return the event of which a zero is a zero."""
         return self.impacts[zero.which - self.surfaces]
 
     def is_root(self, which: int) -> bool:
@@ -386,7 +389,7 @@ class SeriesWatch(EventLog):
         """Read the occurrences of events, and the crossings of surfaces, from the loop."""
         memory = self.memory
         if memory.record.done:
-            # Ctrl-C may come anywhere here; the mark prevents that occurrences are added twice.
+            # Ctrl-C may come anywhere here. The mark prevents adding occurrences twice.
             steps, mark = state.count(DriverState.STEPS), memory.mark
             for found, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes
@@ -418,7 +421,7 @@ class SeriesWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self) -> None:
-        """Write the sides for the loop, which is disabled while an event is pending."""
+        """Write the sides for the loop. It is disabled while an event is pending."""
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]
@@ -428,11 +431,11 @@ class SeriesWatch(EventLog):
 
     @property
     def unbegun(self) -> bool:
-        """True while the loop is still to find the sides at the start of the motion."""
+        """True while the loop has not yet determined the sides at the start of the motion."""
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Let the loop find the sides at the start of a motion; `first` is True at the start of the run."""
+        """Let the loop determine the sides at the start of a motion. `first` is True at the start of the run."""
         if first:
             self.epochs.append((0, self.values))
         else:

@@ -1,4 +1,4 @@
-"""Event functions along some steps: sampled together on the dense output, with those certain to keep their sign."""
+"""Event functions on a batch of steps, sampled together on the dense output; those that surely keep their sign."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 
 FULL_AT_ONCE = 12
-"""Largest number of steps whose event functions are sampled at the full degree together."""
+"""Largest number of steps whose event functions are sampled together at the full degree."""
 
 
 class StepsPath(Protocol):
-    """Accepted steps, with a polynomial on each, of degree 16 at most, that passes through both of its states."""
+    """Accepted steps, each with a polynomial of degree at most 16 through both of its states."""
 
     @property
     def times(self) -> FloatArray:
@@ -31,7 +31,7 @@ class StepsPath(Protocol):
         """The accepted states, (S+1, 2n)."""
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
 
 
 PathOf = Callable[[FloatArray, FloatArray], StepsPath]
@@ -40,7 +40,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepsPath]
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The steps of a path from number `begin` to before `end`."""
+    """The steps of a path from number `begin` to before `end`, as a path."""
 
     path: StepsPath
     begin: int
@@ -57,13 +57,13 @@ class Window:
         return self.path.states[self.begin : self.end + 1]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states at the same fractions of each of some steps."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
         return self.path.inside(steps + self.begin, theta)
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One step: its time, its length, states as Chebyshev coefficients (2n, 17), and event functions (E, 17)."""
+    """One step: its time, its length, its states as Chebyshev coefficients (2n, 17), and those of events (E, 17)."""
 
     t: float
     h: float
@@ -72,26 +72,26 @@ class Sample:
     batch: StepBatch
 
     def state(self, s: float) -> FloatArray:
-        """Return the state (2n,) at a fraction s of the step."""
+        """Return the state (2n,) at fraction s of the step."""
         return evaluate(self.states, np.array([s]))[:, 0]
 
     def rates(self, s: FloatArray) -> FloatArray:
-        """Return the derivatives of the events by time (E, K) along the motion at places s (K,), per step."""
+        """Return the rates of the events (E, K) along the motion at fractions s (K,), per step instead of per time."""
         rates = self.batch.rates()
         return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
     def events(self, s: FloatArray) -> FloatArray:
-        """Return the events (E, K) at places s (K,) in the step."""
+        """Return the events (E, K) at fractions s (K,) of the step."""
         return self.batch.kernel(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
 
 @dataclass(frozen=True, eq=False)
 class StepBatch:
-    """Accepted steps and their first state: the path, and the event functions along it.
+    """A batch of accepted steps: the path, and the event functions along it.
 
     `rates` returns the kernel of the time derivatives of the event functions. `ends` (E, S+1) are the event functions
-    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error on a step, and `sensitive` (E, S) its
-    part from the change of the state there. `certain` (E, S) is True if the function keeps its sign on a step.
+    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error on a step, and `sensitive` (E, S) the
+    part of it due to the change of the state. `certain` (E, S) is True if the function keeps its sign on a step.
     """
 
     kernel: Kernel
@@ -107,7 +107,7 @@ class StepBatch:
 
     @classmethod
     def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: StepsPath) -> StepBatch:
-        """Sample the event functions along a path."""
+        """Return the batch of all steps of a path, with its event functions sampled."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
         tilt = perturbation_factors(len(states) + 1)
@@ -118,8 +118,8 @@ class StepBatch:
         values = _along(kernel, parameters, path, steps, found)
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
-            # The error scales with the change of the state: x**2 + v**2 may be constant while x and v change.
-            # It is sampled at the same nodes for any number of steps: every second node of the full degree.
+            # The error scales with the change of the state: x**2 + v**2 may be constant while x and v change. It is
+            # sampled at the same nodes for any number of steps: every second node of the full degree.
             each = slice(None, None, degree // COARSE)
             moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found[..., each], axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
@@ -137,7 +137,7 @@ class StepBatch:
         return batch
 
     def sample(self, step: int) -> Sample:
-        """Return a step sampled at the full degree."""
+        """Return a step, sampled at the full degree."""
         if step not in self.samples:
             steps = np.array([step])
             found = _sampled(self.path, steps, DEGREE)
@@ -145,9 +145,9 @@ class StepBatch:
         return self.samples[step]
 
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
-        """Keep samples at the full degree, states (2n, k, 17) and events (E, k, 17)."""
+        """Store samples at the full degree: states (2n, k, 17) and events (E, k, 17)."""
         times = self.path.times
-        # A matrix product would round each step differently for different numbers of steps.
+        # A matrix product would round a step differently for different numbers of steps.
         coefficients = np.zeros_like(states)
         for node, column in zip(np.moveaxis(states, -1, 0), to_chebyshev().T, strict=True):
             coefficients += node[..., None] * column
@@ -157,16 +157,16 @@ class StepBatch:
 
 
 def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
-    """Return functions (..., degree + 1) at places s (K,) in [0, 1], (..., K)."""
+    """Return functions with Chebyshev coefficients (..., degree + 1) at points s (K,) in [0, 1], (..., K)."""
     ranks = np.arange(chebyshev.shape[-1])
     angles = 2 * np.arcsin(np.sqrt(s))
     return np.asarray(chebyshev @ ((-1.0) ** ranks[:, None] * np.cos(np.outer(ranks, angles))))
 
 
 def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Return which functions (..., degree + 1) certainly keep their sign, judged by their coefficients.
+    """Return True for functions (..., degree + 1) whose coefficients prove that they keep their sign.
 
-    The truncated part is taken as eight times the last coefficients.
+    The truncated part is estimated as eight times the last coefficients.
     """
     sizes = np.abs(chebyshev)
     others = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
@@ -176,7 +176,7 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 def state_noise(
     kernel: Kernel, parameters: FloatArray, times: FloatArray, states: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """Return the errors (E, k) of event functions that rounding of the times (k,) and states (2n, k) causes."""
+    """Return the errors (E, k) of event functions due to rounding of the times (k,) and states (2n, k)."""
     tilt = RELATIVE_PERTURBATION * perturbation_factors(len(states) + 1)
     with np.errstate(all="ignore"):
         moved = kernel(times * (1 + tilt[-1]), states * (1 + tilt[:-1, None]), parameters)
@@ -185,7 +185,7 @@ def state_noise(
 
 
 def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
-    """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted states."""
+    """Return the states (2n, k, degree + 1) at the nodes of steps (k,). At both ends they are the accepted states."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
     states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T

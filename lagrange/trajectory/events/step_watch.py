@@ -1,7 +1,7 @@
 """Events along the steps of a step program, located on the dense output of each step.
 
-Some steps are taken first and then reviewed. If an event on them changes the motion, the run is set back to it, and the
-steps after it are discarded. In long runs machine code treats all regular events, other steps are reviewed on arrays.
+Some steps are taken first and then reviewed. If an event on them changes the motion, the run is set back to it, and
+later steps are discarded. In long runs machine code handles all regular events. Other steps are reviewed on arrays.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ S = DriverState
 class Cut:
     """Point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
-    `length` is the length of the step that contains it or follows it. `whole` is the end of a step that is cut inside,
-    or None. A `late` cut is not a change of the motion: the wall time of the run was used up.
+    `length` is the length of the step that contains the point or follows it. `whole` is the end of a step that is
+    shortened, or None. A `late` cut is not a change of the motion: the time limit of the run was reached.
     """
 
     steps: int
@@ -91,10 +91,10 @@ class EventDriver:
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the driver state keeps its own memory."""
+        """Do nothing: the driver state has its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run as `Driver.advance` does; the outcome is WATCHED if the state is at a change of the motion."""
+        """Advance a run as `Driver.advance` does. The outcome is WATCHED if the state is at a change of the motion."""
         run = self._run
         run.budget = run.left = budget
         self._memory.keep(state)
@@ -114,7 +114,7 @@ class EventDriver:
             self._first = False
 
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Advance the run by machine code; return None if it returned a step for a review on arrays."""
+        """Advance the run by machine code. Return an outcome, or None after a step that must be reviewed on arrays."""
         if self._compiled is None:
             raise AssertionError("there is machine code")
         if self._stale:
@@ -132,11 +132,14 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Choose the number of next steps to review on arrays: one, and twice as many at each repetition."""
+        """Set the number of next steps to review on arrays: one, doubled at each repetition."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Take steps if none waits, and review some on arrays; return an outcome, or None if the run continues."""
+        """Take steps unless some are not reviewed, and review some on arrays.
+
+        Return an outcome, or None to continue.
+        """
         memory, run, waiting = self._memory, self._run, self._waiting(state, times, rows)
         if not memory.waits:
             if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
@@ -165,7 +168,7 @@ class EventDriver:
         return False
 
     def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
-        """Return the steps that wait, and the driver, for the functions of the loop."""
+        """Return the steps that are not reviewed, and the driver, as argument for the functions of the loop."""
         memory, size = self._memory, len(state.y)
 
         def drive(*given: Any) -> Outcome:
@@ -181,7 +184,7 @@ class EventDriver:
         return Waiting(*arguments)
 
     def _forget(self, state: DriverState) -> None:
-        """Remove from the state the steps that have not been reviewed."""
+        """Remove the steps that are not reviewed from the state's counts."""
         memory, run = self._memory, self._run
         if memory.waits:
             state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
@@ -189,7 +192,10 @@ class EventDriver:
             state.fault = None
 
     def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
-        """Review steps up to number `last` on arrays. Accept them once all are reviewed, or set the run back."""
+        """Review steps up to number `last` on arrays.
+
+        When all are reviewed, accept them; at a change, set the run back.
+        """
         memory, run = self._memory, self._run
         if not memory.waits:
             return None
@@ -208,7 +214,7 @@ class EventDriver:
         return None if code == GO_ON else Outcome(code)
 
     def _set_back(self, state: DriverState, cut: Cut, kept: int, waiting: Waiting) -> None:
-        """Set the state to a cut after `kept` steps; the next step begins a new smooth piece."""
+        """Set the state to a cut after `kept` steps. The next step begins a new smooth piece."""
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
         run.changed = self._watch.changed
@@ -220,7 +226,7 @@ class EventDriver:
 
 
 class StepWatch(EventLog):
-    """Watches the events along the run of one state."""
+    """Watches the events along one run by a step program."""
 
     def __init__(
         self, problem: Problem, driver: Driver, path_of: PathOf, memory: WatchedEvents | None = None, *, fixed: bool
@@ -261,11 +267,11 @@ class StepWatch(EventLog):
 
     @property
     def ends(self) -> bool:
-        """True if an event may reset the state or end the run, so that steps after it are discarded."""
+        """True if an event may reset the state or end the run: then steps after it are discarded."""
         return any(impact.reset or impact.terminal for impact in self.impacts)
 
     def names(self) -> list[str]:
-        """Return the events in the user's symbols."""
+        """Return the names of the events, in the user's symbols."""
         plain = dict(self.problem.model.statement.plain)
         return [formula(event.expression.xreplace(plain), 80) for event in self.problem.events]
 
@@ -294,15 +300,15 @@ class StepWatch(EventLog):
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
-        """Return the result SUCCESS; no event is pending at the end."""
+        """Return the result SUCCESS, because no event is pending at the end."""
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: the run is set back to each change, which the driver reports at once."""
+        """Return False: the run is set back to each change, and the driver reports it at once."""
         return False
 
     def continue_past(self, state: DriverState) -> None:
-        """Return None: steps of a step program need no series, so no point has to be leapt over."""
+        """Return None: steps of a step program need no series, so no point has to be passed over."""
 
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
         """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
@@ -315,8 +321,8 @@ class StepWatch(EventLog):
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
         """Find the events on the steps `begin` to `end` of times (S+1,) and states (S+1, 2n), on arrays.
 
-        Return the first change of the motion, whose events are then pending for `process`, or None. The run had
-        `taken` steps before the first.
+        Returns the first change of the motion, whose events are then pending for `process`, or None. The run had taken
+        `taken` steps before the first of these.
         """
         path = self.path(times, states)
         cut = self._ahead(Window(path, begin, end), taken + begin)
@@ -360,7 +366,7 @@ class StepWatch(EventLog):
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, taken: int) -> Cut | None:
-        """Find the events on the steps of a path, sampled at once; return the first change of the motion, or None."""
+        """Find the events on the steps of a path, sampled together. Return the first change of the motion, or None."""
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -396,7 +402,7 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], taken: int) -> Cut | None:
-        """Record the zeros of some events on a step; return the first change of the motion, or None."""
+        """Record the zeros of the `watched` events on a step. Return the first change of the motion, or None."""
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
@@ -408,7 +414,7 @@ class StepWatch(EventLog):
             if i in self._resting:
                 continue
             level, noise = self._levels.get(i, 0.0), float(batch.noise[i, step])
-            # Rounding errors of the steps add up, half a spacing each; no later step can decide at the end of the run.
+            # Rounding errors of the steps add up, half a spacing each. At the end of the run no later step can decide.
             noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (taken + step)) if last else noise
             traces[i] = trace(
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
@@ -440,9 +446,9 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero at the start of a step because the motion started there; keep their values.
+        """Return the events that are zero where the motion starts at the beginning of a step, and store their values.
 
-        An event whose sign at the start is known is not among them: its zeros are found as on any other step.
+        An event with a known sign at the start is not included: its zeros are found as on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -461,7 +467,7 @@ class StepWatch(EventLog):
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Return True if an event acts at the start of a motion: a contact turns it back, or is met without velocity.
 
-        Contacts here have an open side, by the rules of `sides_behind`.
+        The side of these contacts is undecided, by the rules of `sides_behind`.
         """
         for i, one in zero.items():
             sign, order = one.leaving
@@ -469,7 +475,8 @@ class StepWatch(EventLog):
             entered = self.impacts[i].contact and i not in begun.zeros and self.impacts[i].direction == sign
             if not (back or entered):
                 continue
-            # A path of low order, as at the start of multistep methods, may start against the velocity of the state.
+            # A path of low order, as at the start of multistep methods, may begin opposite to the velocity of the
+            # state.
             along = sign * velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
@@ -483,7 +490,7 @@ class StepWatch(EventLog):
     def _part(
         self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int
     ) -> None:
-        """Record the events before the first change; those at the same time become pending."""
+        """Record the events before the first change. Those at the same time become pending."""
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
         jump = max(close, SAME_JUMP) if first.root.jump else close
@@ -491,26 +498,26 @@ class StepWatch(EventLog):
         mine = {m.which: m for m in reversed(here)}
         before = [m for m in found if m.root.time < s - close and m not in here]
         for i, one in traces.items():
-            # A contact within noise of zero there keeps its side, and may still act after this change.
+            # A contact within its noise of zero keeps its side, and may act after this change.
             zeros, side = ended(one, s, self._isolate, decided=not self.impacts[i].reset)
             self._relay[i] = side
             at_end = [root for root in zeros if root.time >= s - close]
             if at_end and i not in mine:
-                # Another event that is zero there counts there, and not a second time before.
+                # Another event that is zero there is recorded there, and not a second time before.
                 mine[i] = EventZero(i, Root(s, at_end[0].rising))
             early = [m for m in before if m.which == i][: len(zeros) - len(at_end)]
             self._record(early, sample, taken)
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
-        """Record the events among some zeros on a step."""
+        """Record those of the zeros on a step that are events."""
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
                 self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), taken + 1)
 
     def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
+        """Reset the state by the events `zeros` among those in `found`, and start a new motion."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.impacts[m.which]: m.which for m in zeros}
@@ -520,7 +527,7 @@ class StepWatch(EventLog):
         smooth = [m for m in zeros if not m.root.jump]
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
         through = sent_through(self._rates(), smooth, self.parameters, state.t, (before, after), along)
-        # The end of a flight of one step follows from its velocity; that of several steps depends on rounded heights.
+        # A flight of one step ends where its velocity says; the end of a longer flight depends on rounded heights.
         several = state.count(S.STEPS) > self._changed_at + 1
         unseen = several and any(m.which in self._levels for m in zeros)
         if self._intervals.idle(abs(state.t - self.changed), unseen=unseen):
@@ -552,7 +559,7 @@ class StepWatch(EventLog):
 
 
 def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
-    """Return the cut at a fraction s of a step."""
+    """Return the cut at fraction s of a step."""
     times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)

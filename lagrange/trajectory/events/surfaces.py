@@ -1,12 +1,12 @@
-"""The side of each switching surface on which a motion continues, if it starts on a surface or reaches one.
+"""The side of each switching surface on which a motion continues that starts on a surface or reaches one.
 
 On a surface g is zero, so its first nonzero derivative gives the side. A choice of sides is consistent if the motion
-with these sides goes there. If no choice is consistent, the motion slides along a surface.
-Source: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
+with these sides goes there. If no choice is consistent, the motion slides along a surface. Source: A. F. Filippov,
+Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
 
-Points at which a motion has no Taylor series, although its forces hardly change, are leapt over. With drag -|v|v a body
-at rest, or at its turning point, is at the zero of a square root: the force is smooth enough there, but has no series.
-A method without series takes a step so short that everything else is nearly constant.
+At some points a motion has no Taylor series, although its forces hardly change. With drag -|v|v a body at rest, or at
+its turning point, is at the zero of a square root. The run passes such a point by a leap: a method without series takes
+one step, so short that everything else is nearly constant.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ MOST_TRIALS = 3**8
 """Largest number of choices of sides that are tried where surfaces meet: all of them for up to eight surfaces."""
 
 Surfaces = Callable[[FloatArray], FloatArray]
-"""Function of the sides of all surfaces that returns the series of all surfaces at a state, (order + 1, surfaces)."""
+"""Type of a function from the sides of all surfaces to the series of all surfaces at a state, (order + 1, surfaces)."""
 
 
 class Sliding(Exception):
-    """The motion slides along a surface, which the equations do not describe."""
+    """Error: the motion slides along a surface, which the equations do not describe."""
 
     def __init__(self, surface: int) -> None:
         super().__init__(surface)
@@ -45,7 +45,7 @@ class Sliding(Exception):
 
 
 def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the sign of every surface at a state (2n,), each from the value of its expression.
+    """Return the sign of every surface at a state (2n,), from the value of its expression.
 
     This needs no mass matrix, which may be singular with other sides.
     """
@@ -57,9 +57,9 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
     """Return the first consistent choice of sides with which the motion leaves the surfaces that it is on.
 
-    `choices` has the sides to try for each of those surfaces, the likely one first; 0 is the side of a motion that
-    stays on the surface by itself. If no choice is consistent, a side without values is returned, so that the run ends
-    there. Otherwise raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
+    `choices` has the sides to try for each of these surfaces, the likely one first. 0 is the side of a motion that
+    stays on the surface by itself. If no choice is consistent but a side has no values, it is returned, so that the run
+    ends there. Otherwise raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -81,7 +81,7 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the series of the surfaces, and correct sides in `trial` that contradict the surfaces' values.
+    """Return the series of the surfaces. Correct sides in `trial` that contradict the surfaces' values.
 
     A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides in
     `chosen` are kept.
@@ -105,20 +105,18 @@ LEAP_SHARE = 1e-6
 """Length of a leap over a point without a series, as a fraction of the run."""
 
 CHANGE = 0.01
-"""Largest relative change of an acceleration on a leap, so that jumps and poles of forces are not passed.
-
-It is relative to the acceleration, or to the velocity divided by the length of the run. `GROWTH` is the limit at rest.
+"""Largest relative change of an acceleration during a leap, so that jumps and poles of forces are not passed. It is
+relative to the acceleration, or to the velocity divided by the length of the run. At rest the limit is `GROWTH`.
 """
 
 EARLY, GROWTH = 1 / 16, 0.5
-"""At rest, accept a leap if less than half of the change of acceleration occurs in its first 1/16.
-
-The acceleration then grows as a power of time of at least 1/4, as the force on a bead that another one touches. It
-does not near a pole, or after log(t).
+"""At rest, accept a leap if less than half of the change of acceleration occurs in its first 1/16. The acceleration
+then grows as a power of time of at least 1/4, like the force on a bead that another one touches. Near a pole, or after
+log(t), it does not.
 """
 
 BEHIND = 2.0**-10
-"""Fraction of a leap after which the motion has left the surface where the leap began."""
+"""Fraction of a leap after which the motion has left the surface on which the leap began."""
 
 IN_A_ROW = 3
 """Largest number of successive leaps without a step between them."""
@@ -127,14 +125,14 @@ SHORTER, ATTEMPTS = 1 / 16, 6
 """Factor by which a rejected leap is shortened, and number of attempts."""
 
 MOST_LEAP_STEPS = 2000
-"""Largest number of steps in a leap: one, or a thousand under a force that may act for a moment only."""
+"""Largest number of steps in a leap: usually one, but a thousand under a force that may act for a short time only."""
 
 
 @dataclass
 class Continuations:
-    """The leaps of a run so far; `method` makes the integrator, whose tolerances are the defaults of the leaps.
+    """The leaps of a run so far. `method` makes the integrator, whose default tolerances the leaps use.
 
-    `rows` are the row numbers from which they begin, `landed` is the time at which the last one ended, and
+    `rows` are the row numbers at which they begin, `landed` is the time at which the last one ended, and
     `continuations_in_a_row` is the number of successive leaps.
     """
 
@@ -145,7 +143,7 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the times to which a leap is tried, the farthest first."""
+        """Return the times to which a leap is tried, the latest first."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
@@ -156,7 +154,7 @@ class Continuations:
     def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
         """Return the state (2n,) at the time `there`, or None if forces change too much for a leap.
 
-        `switched` returns True if the equations switch within some time; forces are then compared after the switch.
+        `switched` returns True if the equations switch within some time. Then forces are compared after the switch.
         """
         part = replace(
             self.problem,
@@ -183,7 +181,7 @@ class Continuations:
         return y if self._steady(start, between, (there, y)) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
-        """Set the driver to the state at the end of a leap; `row` is the number of the row where the leap begins."""
+        """Set the driver to the state at the end of a leap. `row` is the number of the row at which the leap begins."""
         taylor = state.taylor
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1

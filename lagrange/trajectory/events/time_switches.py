@@ -1,7 +1,7 @@
-"""Switching surfaces that depend on time alone, such as those of Mod(t, T): steps end before them and begin after them.
+"""Switching surfaces of time alone, such as those of Mod(t, T): steps end before them and begin after them.
 
-A step over a jump of the forces is rejected until it is as short as its error demands. The surfaces of time are known
-without the motion, so no step has to cross one.
+A step over a jump of the forces would be rejected until it is short enough for its error. The surfaces of time are
+known without the motion, so no step has to cross one.
 """
 
 from __future__ import annotations
@@ -22,20 +22,23 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
 
 SIDES_PER_STEP = 4
-"""Number of times within a longest step at which the sides of surfaces are compared; a step has at least as many
-stages."""
+"""Number of times within a longest step at which the sides of surfaces are compared. It is at most the number of stages
+of a step.
+"""
 
 SWITCH_MARGIN = 2.0
-"""Distance before a surface at which a step ends, in spacings of times: times of stages are rounded by one."""
+"""Distance before a surface at which a step ends, in spacings of times. Rounding changes the times of stages by one
+spacing.
+"""
 
 TOGETHER = 4
-"""Largest distance of the first time after a surface from the last before it, in spacings of times."""
+"""Largest distance between the last time before a surface and the first time after it, in spacings of times."""
 
 LEAST = 2.0**-80
-"""Shortest stretch over a surface as a fraction of the run: spacings of times near 0 are too small for a path."""
+"""Shortest interval over a surface, as a fraction of the run. Spacings of times near 0 are too small for a path."""
 
 SPREAD = 2.0 ** np.arange(32)
-"""Distances from the estimate of a zero, in spacings of times, at which sides are tested at once."""
+"""Distances from the estimate of a zero, in spacings of times, at which sides are tested together."""
 
 _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 
@@ -49,7 +52,7 @@ def surfaces_of_time(model: Model) -> tuple[Node, ...]:
 
 
 class TimeSwitches:
-    """Leads the driver of a run over the surfaces of time: the end of its next call is always the next surface."""
+    """Ends the calls of a run's driver before each surface of time, and continues after it."""
 
     def __init__(
         self, problem: Problem, surfaces: tuple[Node, ...], state: DriverState, watch: StepWatch | None
@@ -74,7 +77,7 @@ class TimeSwitches:
         return cls(problem, surfaces, state, watch) if surfaces else None
 
     def _look_ahead(self, state: DriverState) -> None:
-        """End the next calls of the driver before the next surface, or at the end of the run."""
+        """Set the end of the next calls of the driver: before the next surface, or the end of the run."""
         for before, after in self._coming:
             if self._forward * (after - state.t) > 0:
                 end = before - self._forward * SWITCH_MARGIN * float(np.spacing(max(abs(before), abs(state.t))))
@@ -84,9 +87,9 @@ class TimeSwitches:
         state.reals[DriverState.END] = self._after = self._problem.t1
 
     def passes(self, state: DriverState) -> bool:
-        """Set a driver at the end of its call to the other side of the surface; return False at the end of the run.
+        """Move a driver at the end of its call to the other side of the surface. Return False at the end of the run.
 
-        The state stays the same over these few spacings of time.
+        The state does not change over these few spacings of time.
         """
         if state.t == self._problem.t1:
             return False
@@ -96,7 +99,7 @@ class TimeSwitches:
         self.breaks.append(state.count(DriverState.STEPS) + jumps, None)
         least = state.t + self._forward * LEAST * abs(self._problem.t1 - self._problem.t0)
         state.reals[DriverState.T] = self._forward * max(self._forward * self._after, self._forward * least)
-        # A first step chosen by slopes is too short where a force grows like the root of the time since the switch.
+        # A first step chosen by slopes would be too short if a force grows like the root of the time since the switch.
         state.reals[DriverState.H] = self._forward * state.reals[DriverState.LONGEST]
         state.reals[DriverState.PREVIOUS] = 1.0
         state.counts[[DriverState.SLOPE_KNOWN, DriverState.AFTER_REJECT, DriverState.KEPT]] = 0
@@ -105,9 +108,9 @@ class TimeSwitches:
         return True
 
     def _switches(self, grid: FloatArray) -> Iterator[tuple[float, float]]:
-        """Yield the last time before each switch between the times `grid` (k,), and the first after it.
+        """Yield the last time before each switch in the grid of times (k,), and the first time after it.
 
-        A surface that is zero at the start or at the end of the run only is a switch there.
+        A surface that is zero only at the start or at the end of the run is a switch there.
         """
         sides = np.sign(self._values(grid))
         known = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
@@ -121,7 +124,7 @@ class TimeSwitches:
             yield from sorted(switches, key=lambda switch: self._forward * switch[0])
 
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
-        """Return the last time with the side of a surface at `low`, and the first with that at `high`."""
+        """Return the last time with the side that a surface has at `low`, and the first with its side at `high`."""
         first, last = self._values(np.array([low, high]))[surface]
         old, new = np.sign(first), np.sign(last)
         while np.nextafter(low, high) != high:
@@ -137,7 +140,7 @@ class TimeSwitches:
         return low, float(beyond[np.argmax(np.sign(self._values(beyond)[surface]) == new)])
 
     def _values(self, times: FloatArray) -> FloatArray:
-        """Return the values of the surfaces at times (k,), (surfaces, k), 0 where there is none."""
+        """Return the values (surfaces, k) of the surfaces at times (k,); 0 where a surface has no value."""
         states = np.broadcast_to(0.0, (len(self._problem.y0), len(times)))
         with np.errstate(all="ignore"):
             return np.nan_to_num(self._kernel(times, states, self._problem.parameter_array))

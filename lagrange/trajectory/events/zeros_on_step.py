@@ -1,7 +1,8 @@
 """An event function along one step of a step program: each zero once, in order, and its side at the end.
 
-It is sampled at Chebyshev points of subintervals, halved until it is resolved: its last coefficients are at round-off.
-Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 3, 4 and 8.
+The function is sampled at Chebyshev points of subintervals. These are halved until they resolve it: the last
+coefficients are at rounding level. Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013,
+chapters 3, 4 and 8.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class Root:
     """A time at which the event function crosses zero, or touches it.
 
-    `time` is counted from the start of the step, in the units of h and between 0 and h. `rising` is 1 where the
-    function goes from negative to positive in the direction of the integration, -1 where it falls, and 0 where it
-    touches zero and turns back. At a `jump` its sign changes without a zero.
+    `time` is counted from the start of the step, in the units of h and between 0 and h. `rising` is 1 if the function
+    goes from negative to positive along the integration, -1 for the reverse, and 0 if it touches zero. At a `jump` its
+    sign changes without a zero.
     """
 
     time: float
@@ -56,9 +57,9 @@ class EventZero:
 class Side:
     """The side of zero of an event function between two steps, the only information that a step passes to the next.
 
-    `sign` is the last sign, 1 or -1, beyond noise. It is 0 at the start of a run and of a new motion after an impact.
-    `near` says that the function has come to zero within its noise since then, so that the next step has to decide
-    whether it crosses or turns back.
+    `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after an impact.
+    `near` is True if the function has been within its noise of zero since then: the next step decides whether it
+    crosses or touches.
     """
 
     sign: int = 0
@@ -66,7 +67,7 @@ class Side:
 
     @property
     def settled(self) -> bool:
-        """True if the side is known: a step on which the function cannot vanish does not change it."""
+        """True if the side is known, and a step on which the function cannot be zero does not change it."""
         return self.sign != 0 and not self.near
 
 
@@ -75,7 +76,7 @@ Isolate = Callable[..., Any]
 
 
 def printed() -> Isolate:
-    """Return the procedure of root isolation in Python."""
+    """Return the procedure of root isolation, printed in Python."""
     return called(procedure.form())
 
 
@@ -88,15 +89,14 @@ def roots(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> tuple[list[Root], Side]:
-    """Return the roots of g(tau) = sum c[k] tau**k on a step, as the integration meets them, and the side at its end.
+    """Return the roots of g(tau) = sum c[k] tau**k on a step, along the integration, and the side at its end.
 
-    `coefficients` (m,) start with the constant, at most 65. `h` is the length of the step, negative for a run
-    backwards. `before` is the side that the step before returned; without it g starts here, and a root at the start is
-    not an event. `noise`, in the units of g, is the error of g in addition to the rounding of the coefficients, which
-    is taken to be 8 * 2**-52 sum |c[k] h**k|. `last` says that no step follows.
-
-    The procedure `isolate`, by default in Python, documents the algorithm. Raises ValueError for coefficients, noise
-    or a length that are not finite, for no coefficients and for too many.
+    `coefficients` (m,) start with the constant; m is at most 65. `h` is the length of the step, negative in a run
+    backwards. `before` is the side that the previous step returned. Without it g starts here, and a root at the start
+    is not an event. `noise`, in the units of g, is the error of g without the rounding of the coefficients, which is
+    estimated as 8 * 2**-52 sum |c[k] h**k|. `last` is True if no step follows. The procedure `isolate`, by default in
+    Python, documents the algorithm. Raises ValueError for coefficients, noise or a length that are not finite, for no
+    coefficients, and for too many.
     """
     polynomial = np.array(coefficients, dtype=float)
     before = Side() if before is None else before
@@ -116,27 +116,27 @@ def roots(
 
 
 SAMPLED_HALVINGS = 5000
-"""Largest number of halvings on one step, which suffices for some hundreds of roots. What is not resolved then counts
-as noise."""
+"""Largest number of halvings on one step, which suffices for some hundreds of roots. Unresolved parts then count as
+noise.
+"""
 
 POLE_LEVELS = 26
-"""A function that grows by a factor of 1000 over this many halvings has a pole.
-
-A jump stays constant under halving, a pole doubles.
+"""A function that grows by a factor of 1000 over this many halvings has a pole. At a jump the size is constant under
+halving; at a pole it doubles.
 """
 
 
 NOWHERE = np.empty(0)
-"""Empty coefficients: those of a function without a value."""
+"""Empty coefficients, for a function without a value."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalPolynomial:
     """A polynomial on a part of a step, from `start` over `width`, in units of the step.
 
-    `coefficients` are those of powers of the time since its start in units of its width; `noise` bounds their error.
-    They are empty on a part where the function has no value, or a pole. At a `jump` the part is a point, before and
-    after which the function has different signs.
+    `coefficients` are those of powers of the time since the start of the part, in units of its width; `noise` bounds
+    their error. They are empty on a part where the function has no value, or a pole. At a `jump` the part is a point,
+    before and after which the function has different signs.
     """
 
     start: float
@@ -149,9 +149,9 @@ class LocalPolynomial:
 def local_polynomials(
     g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
 ) -> Iterator[LocalPolynomial]:
-    """Yield the parts of a step in order on which g is resolved, or certainly keeps its sign.
+    """Yield the parts of a step, in order, on which g is resolved or certainly keeps its sign.
 
-    `g` takes places (K,) in [0, 1]; `values` are those at the nodes of the whole step. The parts end where g has no
+    `g` takes fractions (K,) in [0, 1]; `values` are those at the nodes of the whole step. The parts end where g has no
     value. `smooth` omits coefficients below the noise, for derivatives at the start of g.
     """
     stack = [(0.0, 0, values, math.inf, 0.0)]
@@ -161,7 +161,7 @@ def local_polynomials(
         width, finite = 0.5**depth, bool(np.isfinite(found).all())
         chebyshev = to_chebyshev() @ np.where(np.isfinite(found), found, 0.0)
         tail = float(np.abs(chebyshev[-2:]).max())
-        # A remainder that halving does not reduce is noise; this bounds the number of parts.
+        # A remainder that halving does not reduce is noise. This bounds the number of parts.
         grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(found) else TINY
         least = noise if smooth and start == 0 else 0.0
         piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
@@ -185,8 +185,8 @@ def _polynomial(
 ) -> LocalPolynomial | None:
     """Return a part if it is resolved, or if its sign is certain; then only the first coefficient is kept.
 
-    Coefficients below round-off or the `least` are omitted and counted as noise. So is the truncated part: at a kink
-    the coefficients fall so slowly that it is the last one times some degrees.
+    Returns None otherwise. Coefficients below rounding or `least` are omitted and counted as noise. So is the truncated
+    part: at a kink the coefficients decrease so slowly that it is several times the last one.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size
@@ -200,14 +200,14 @@ def _polynomial(
 
 
 def powers(chebyshev: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients of powers (k,), without trailing Chebyshev coefficients below the least."""
+    """Return the coefficients of powers (k,), without the last Chebyshev coefficients below `least`."""
     above = np.flatnonzero(np.abs(chebyshev) > least)
     count = int(above[-1]) + 1 if len(above) else 1
     return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
 
 
 def _size(values: FloatArray) -> float:
-    """Return the largest finite size, or 0 without finite values."""
+    """Return the largest finite magnitude of some values, or 0 without finite values."""
     sizes = np.abs(values[np.isfinite(values)])
     return float(sizes.max(initial=0.0))
 
@@ -216,16 +216,16 @@ RATE_NOISE = 1024 * EPSILON
 """Relative noise of a derivative: the weights of DOP853's dense output amplify rounding by a factor of 500."""
 
 SAME_JUMP = 2.0**-44
-"""Fraction of a step within which two jumps are one there and back: 256 spacings of the state."""
+"""Fraction of a step within which two opposite jumps count as one: 256 spacings of the state."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepZeros:
     """The zeros of an event on a step, in units of the step, in order.
 
-    `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is where the
-    event function ceases to have a value, else infinity. If it starts at zero, `leaving` is its sign after the start,
-    and the leading power of time; 0 if it stays zero.
+    `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is the fraction
+    at which the event function ceases to have a value, else infinity. If it starts at zero, `leaving` is its sign after
+    the start and the leading power of time; 0 if it stays zero.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
@@ -235,7 +235,7 @@ class StepZeros:
     leaving: tuple[int, int]
 
     def behind_jump(self, least: float) -> StepZeros:
-        """Return the zeros without jumps in the first fraction `least` of the step: they repeat a jump before it."""
+        """Return the zeros without jumps in the first fraction `least` of the step, which repeat an earlier jump."""
         return replace(self, found=tuple(root for root in self.found if not root.jump or root.time > least))
 
 
@@ -250,10 +250,11 @@ def trace(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
-    """Return the times on a step at which the event function with index `place` has the value `level`.
+    """Return the zeros on a step of event function number `place` minus `level`, with the sides.
 
-    `noise` is the error of the function, and `before` its side before the step. `zero` says that it starts at the
-    level, on an open side. `last` says that no step follows. `isolate` is the procedure that isolates roots.
+    `noise` is the error of the function, and `before` its side before the step. `zero` is True if the function starts
+    at the level with an undecided side. `last` is True if no step follows. `isolate` is the procedure that isolates
+    roots.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     found: list[Root] = []
@@ -282,9 +283,9 @@ def trace(
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros up to a fraction `s` of the step, where the motion ends, and the side there.
+    """Return the zeros up to a fraction `s` of the step, at which the motion ends, and the side there.
 
-    `decided` says that the slope decides the side of a function that is zero there; else the side stays open.
+    `decided` is True if the slope decides the side of a function that is zero there. Otherwise the side is undecided.
     """
     zeros: list[Root] = []
     side = found.parts[0][1] if found.parts else found.after
@@ -298,7 +299,7 @@ def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided
 
 
 def _merged(found: list[Root]) -> tuple[Root, ...]:
-    """Return the roots; repeated crossings of one jump are merged, since a rounded path may cross it several times."""
+    """Return the roots with repeated crossings of one jump merged. A rounded path may cross a jump several times."""
     kept: list[Root] = []
     for root in found:
         if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
@@ -309,13 +310,13 @@ def _merged(found: list[Root]) -> tuple[Root, ...]:
 
 
 def _starts_clear(piece: LocalPolynomial) -> bool:
-    """Return True if a function is far from zero at the start of a part. A change of side there is then a jump."""
+    """Return True if a function is far from zero at the start of a part: then a change of sign there is a jump."""
     sizes = np.abs(piece.coefficients)
     return bool(sizes[0] > JUMP * sizes.sum())
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return a function that starts at zero, divided by time: this removes the known zero, as the next may be close.
+    """Return a function that starts at zero, divided by time. This removes the known zero; the next may be close.
 
     The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """
@@ -324,9 +325,9 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
 
 
 def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return the divided function from its integrated derivative, free of the rounding of a large constant in it.
+    """Return the divided function from its integrated derivative, without the rounding of a large constant in it.
 
-    The landing of a ball shows in its velocity, whatever the height of the floor.
+    For example, the landing of a ball shows in its velocity, whatever the height of the floor.
     """
     values = sample.rates(piece.width * nodes())[place] * piece.width
     if not np.isfinite(values).all():
@@ -338,7 +339,7 @@ def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPoly
 
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
-    """Return the sign after a start at zero, and the leading power of time, of a function that is divided by time."""
+    """Return the sign after a start at zero, and the leading power of time, from the function divided by time."""
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
     if not len(beyond):
         return 0, 0
@@ -347,14 +348,14 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
 
 
 def rests(batch: StepBatch, step: int, sample: Sample, place: int) -> bool:
-    """Return True if an event function that started at zero stays zero on a step, as a conserved quantity does.
+    """Return True if an event function that started at zero is zero on the whole step, like a conserved quantity.
 
-    The test is its derivative along the motion, since the path deviates from the motion by more than rounding.
+    The test uses its derivative along the motion, since the path deviates from the motion by more than rounding.
     """
     return bool((np.abs(sample.rates(nodes())[place]) <= batch.sensitive[place, step]).all())
 
 
 def velocity(sample: Sample, place: int) -> float:
-    """Return the time derivative of an event function at the start of a step, 0 within its noise."""
+    """Return the time derivative of an event function at the start of a step; 0 if it is within its noise."""
     rates = sample.rates(nodes())[place]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

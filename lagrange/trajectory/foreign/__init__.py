@@ -1,1 +1,1 @@
-"""Solvers of other packages: driven step by step, with the faults that they hide."""
+"""Solvers of other packages, driven step by step, with checks for failures that they do not report."""

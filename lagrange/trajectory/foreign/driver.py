@@ -1,4 +1,4 @@
-"""Solvers of other packages, driven step by step so that none runs endlessly or fails without a message."""
+"""Solvers of other packages, driven step by step, so that every run ends and every failure has a message."""
 
 from __future__ import annotations
 
@@ -32,21 +32,22 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 S = DriverState
 
 FIRST_STEP_SPACINGS = 64
-"""Least first step in spacings of floating-point times; SciPy fails below ten."""
+"""Shortest first step, in spacings of floating-point times. SciPy fails below ten."""
 
 MOST_UNMOVED = 20
-"""Largest number of consecutive steps that leave the time unchanged; LSODA begins with two at t = 1e9."""
+"""Largest number of successive steps that do not change the time. LSODA begins with two at t = 1e9."""
 
 INTERPOLANT_BYTES = 300
-"""Measured bytes of the path over a step, without its values."""
+"""Measured size of the path over a step in bytes, without its values."""
 
 UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
-"""Bytes of a path that is still SciPy's object, and further numbers in it for each entry of the state: 1,310 to 1,540
-bytes with 2 entries, and up to 2,850 with 20."""
+"""Size of a path that is still SciPy's object: bytes, and further numbers for each entry of the state. It takes 1,310
+to 1,540 bytes with 2 entries, and up to 2,850 with 20.
+"""
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
-"""Increments of the counts for an accepted step, added at once: an interruption never sees half of them."""
+"""Increments of the counts for an accepted step, added in one operation: an interruption never finds a part of them."""
 
 
 Unread = partial[StepInterpolant]
@@ -54,7 +55,7 @@ Unread = partial[StepInterpolant]
 
 
 class Stepper(Protocol):
-    """A solver of another package, between two of its steps."""
+    """Protocol of a solver of another package, between two of its steps."""
 
     @property
     def t(self) -> float:
@@ -76,13 +77,14 @@ class Stepper(Protocol):
 
 
 StartSolver = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
-"""Constructor of a solver, with absolute tolerances (2n,), a time, a state, and a bound of the first step. The solver
-goes to the end of the law's problem. If the bound is infinite, it chooses the first step. The tolerances may rise in
-place during the run."""
+"""Constructor of a solver, from absolute tolerances (2n,), a time, a state, and a bound of the first step. The solver
+runs to the end of the law's problem. If the bound is infinite, it chooses the first step. The tolerances may be raised
+in place during the run.
+"""
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
-    """Refuse bounds of steps that are not positive times."""
+    """Raise StatementError for bounds of steps that are not positive times."""
     for option, value in (("max_step", max_step), ("first_step", first_step)):
         if value is None and option == "first_step":
             continue
@@ -99,10 +101,10 @@ def drive_stepwise(
     listening: AbstractContextManager[Sequence[Any]],
     first: int = 0,
 ) -> Trajectory:
-    """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for the result.
+    """Return the trajectory of a problem, run by the solvers that `start` makes.
 
     The error of a first step h grows like h**`first`; 0 means that the solver chooses the first step well. `listening`
-    collects warnings and messages of the package; the last one explains a divergence.
+    collects warnings and messages of the package. The last of them explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as said:
@@ -111,7 +113,7 @@ def drive_stepwise(
 
 @dataclass(eq=False)
 class SolverPlan:
-    """The plan of one run by solvers of another package; see `Plan`."""
+    """The plan of one run by solvers of another package: implements `Plan`."""
 
     problem: Problem
     tolerances: Tolerances
@@ -124,16 +126,16 @@ class SolverPlan:
     form: str = ""
     watched: bool = False
     interpolants: list[StepInterpolant | Unread] = field(default_factory=list)
-    """Dense output of each accepted step. There may be more entries, of steps that did not count in the end."""
+    """Dense output of each accepted step. There may be further entries, of steps that were discarded."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
-        """Return the driver, and start its time limit; see `Plan`."""
+        """Return the driver, and start its time limit."""
         limit = self.problem.max_wall
         deadline = np.inf if limit is None else time.perf_counter() + limit
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the search for events of the run, or None without events; see `Plan`."""
+        """Return the search for events of the run, or None without events."""
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -148,7 +150,7 @@ class SolverPlan:
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the last state; the law keeps the fault."""
+        """Return the last state of the run. The law has the record of the fault."""
         return state.y
 
 
@@ -163,7 +165,7 @@ class _Standing:
 
 
 class SolverDriver:
-    """Advances a run by a solver, which is restarted at changes of the motion; see `Driver`."""
+    """Advances a run by a solver, which is restarted at changes of the motion: implements `Driver`."""
 
     def __init__(self, plan: SolverPlan, law: GuardedRhs) -> None:
         self._plan, self._law = plan, law
@@ -172,13 +174,13 @@ class SolverDriver:
         self._begun = 0
         self._asked: FloatArray = np.empty(0)
         self._vanished: Fault | None = None
-        """Fault that made the solver request a survey of sizes; it stands if the survey changes nothing."""
+        """Fault for which the solver requested a survey of sizes. It ends the run if the survey changes nothing."""
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the state keeps its own memory; see `Driver`."""
+        """Do nothing: the driver state has its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Take steps, and record those that pass the checks; see `Driver`."""
+        """Take steps, and record those that pass the checks. Return the outcome."""
         law, plan = self._law, self._plan
         try:
             fault = self._advance(state, budget, times, rows)
@@ -215,9 +217,9 @@ class SolverDriver:
         return None
 
     def _begin(self, state: DriverState) -> Stepper | None:
-        """Start a solver at the state, without access to earlier times; return None if the law has a fault there."""
+        """Return a solver that starts at the state, or None if the law has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
-        # Flights between contacts that are shorter than the solver's first step would all get its length.
+        # Otherwise flights between contacts that are shorter than the solver's first step would get its length.
         given = abs(float(state.reals[S.H]))
         first = given if given and steps == self._begun + 1 else np.inf
         del self._plan.interpolants[steps:]
@@ -231,9 +233,9 @@ class SolverDriver:
         return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Return True if steps vanish because an entry has no known size, so that a survey must raise the floors.
+        """Return True if steps become too small because an entry has no known size: a survey must raise the floors.
 
-        An entry that is only round-off so far has no size. If the last survey changed nothing, the cause is another.
+        An entry that has only been rounding has no size. If the last survey changed nothing, the cause is another.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -247,7 +249,7 @@ class SolverDriver:
         return fault if np.array_equal(state.floors, self._asked) else None
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
-        """Set initial floors that follow the scale at the start of the run; return a first step from their period.
+        """Set initial floors that follow the scale at the start of the run. Return a first step from their period.
 
         The solvers' own choice of a first step depends on absolute times.
         """
@@ -271,7 +273,7 @@ class SolverDriver:
         return first
 
     def _step(self, solver: Stepper, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
-        """Take one step and keep it if the step, its end and its interpolant are valid; else return the fault."""
+        """Take one step and record it if the step, its end and its interpolant are valid; else return the fault."""
         law, begin, before = self._law, state.floats[S.T], state.y.copy()
         law.begin_step()
         fault = solver.advance(begin, before)
@@ -281,7 +283,7 @@ class SolverDriver:
             return fault
         t, y = solver.t, solver.y
         if t == begin:
-            # LSODA may begin with some steps that do not move a large time, or continue like that endlessly.
+            # LSODA may begin with some steps that do not change a large time, or continue like that forever.
             self._unmoved += 1
             stuck = self._unmoved > MOST_UNMOVED
             return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
@@ -289,7 +291,7 @@ class SolverDriver:
         if not (math.isfinite(y.dot(y)) or np.isfinite(y).all()):
             return law.fault or Fault(Status.NON_FINITE, t, y)
         if law.fault is not None:
-            # A trial of this step left the domain; the step is accepted if its own end did not.
+            # A trial of this step left the domain of the law; the step is accepted if its end did not.
             law.fault = None
             law.rhs(t, y)
         path = solver.interpolant(begin, before)
@@ -306,7 +308,7 @@ class SolverDriver:
         times: FloatArray,
         rows: FloatArray,
     ) -> None:
-        """Record a step. The last line makes it count, so that an interruption never finds half of one."""
+        """Record a step. The last statement makes it count, so that an interruption never finds a part of one."""
         row, floats = state.integers[S.ROWS], state.floats
         self._plan.interpolants.append(path)
         if isinstance(path, StepInterpolant):

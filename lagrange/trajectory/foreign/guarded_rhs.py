@@ -1,4 +1,4 @@
-"""The model's right-hand side as a solver of another package calls it."""
+"""The model's right-hand side as a callback for a solver of another package."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from lagrange.trajectory.sizes import Slopes
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 EVALUATIONS_PER_STEP = 5_000
-"""A step with more evaluations of the right-hand side counts as an endless loop.
-
-The largest measured number is 136: DOP853 started with a step 1e6 times too long before a right-hand side that is NaN.
+"""A step with more evaluations of the right-hand side counts as an endless loop. The largest measured number is 136:
+DOP853 started with a step 1e6 times too long before a right-hand side that is NaN.
 """
 
 
 class StopError(Exception):
-    """Raised inside a callback to end the run."""
+    """Exception raised inside a callback to end the run."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__(fault.detail)
@@ -31,7 +30,7 @@ class StopError(Exception):
 
 
 class GuardedRhs:
-    """The model's right-hand side as a solver calls it: counted, timed, and with a record of the last fault."""
+    """The model's right-hand side as a callback: it counts calls, checks the time limit, and records the last fault."""
 
     def __init__(self, problem: Problem, package: str, parameters: FloatArray, deadline: float) -> None:
         self.problem, self.package = problem, package
@@ -48,7 +47,7 @@ class GuardedRhs:
         self._step_began, self._most = 0, EVALUATIONS_PER_STEP
 
     def _quick_calls(self) -> Callable[[float, FloatArray], FloatArray | None]:
-        """Return the right-hand side as a function of time and state that returns None if it is not finite."""
+        """Return the right-hand side as a function of time and state, which returns None if it is not finite."""
         try:
             quick = self._kernel.quick(self.parameters)
         except SingularMassMatrix:
@@ -61,18 +60,18 @@ class GuardedRhs:
         return self.evaluations - self._step_began
 
     def forget(self) -> None:
-        """Drop the faults of an earlier motion."""
+        """Discard the faults of an earlier motion."""
         self.last_fault = None
         self.begin_step()
 
     def begin_step(self) -> None:
-        """Drop the faults of the last step, and restart the count."""
+        """Discard the faults of the last step, and restart the count."""
         self._step_began = self.evaluations
         self._most = self._step_began + EVALUATIONS_PER_STEP
         self.fault = None
 
     def rhs(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt, (2n,), or NaN if the model refuses, so that the solver tries a shorter step."""
+        """Return dy/dt, (2n,); NaN if the model raises an error, so that the solver tries a shorter step."""
         self.evaluations = count = self.evaluations + 1
         if count > self._most or self._timed:
             self._check_limits(t, y)
@@ -80,7 +79,7 @@ class GuardedRhs:
         return self._slope(t, y) if found is None else found
 
     def _check_limits(self, t: float, y: FloatArray) -> None:
-        """Raise StopError if the time is up, or a step needs too many evaluations."""
+        """Raise StopError if the time limit is reached, or if a step needs too many evaluations."""
         if time.perf_counter() > self.deadline:
             raise StopError(Fault(Status.MAX_WALL, t, y.copy()))
         if self.evaluations > self._most:
@@ -102,7 +101,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return a function of slopes that counts its evaluations, and whose faults are not those of a step."""
+        """Return a function of slopes that counts its evaluations. Its faults do not count as those of a step."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1
@@ -111,7 +110,10 @@ class GuardedRhs:
         return evaluate
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return d rhs / dy, (2n, 2n), or the last finite one, with which Newton's iteration still converges."""
+        """Return d rhs / dy, (2n, 2n).
+
+        If it is not finite, return the last finite one, so that Newton's method continues.
+        """
         try:
             jacobian = one_state(self.problem.model.kernel("jacobian"), self.parameters)(float(t), y)
         except SingularMassMatrix:
@@ -142,5 +144,5 @@ class GuardedRhs:
             self.fault_at = self.evaluations
 
     def recent_fault(self) -> Fault | None:
-        """Return a fault of the last few steps: the reason why a solver got stuck."""
+        """Return a fault of the last few steps, which is the reason why a solver makes no progress, or None."""
         return self.last_fault if self.evaluations - self.fault_at <= 100 else None

@@ -25,7 +25,7 @@ from lagrange.trajectory.sizes import slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
-"""Lock of the implicit solvers: capturing their warnings changes the state of the whole process."""
+"""Lock of the implicit solvers: capturing their warnings changes global state of the process."""
 
 
 Output = Callable[[FloatArray], FloatArray]
@@ -35,7 +35,7 @@ DENSE_OUTPUT: Callable[[Any], Output] = methodcaller("dense_output")
 
 
 class _ScipyStepper:
-    """A SciPy solver between two steps; see `Stepper`. Its time counts from `origin`."""
+    """A SciPy solver between two steps: implements `Stepper`. Its time counts from `origin`."""
 
     def __init__(
         self,
@@ -96,10 +96,10 @@ class _ScipyStepper:
 def _taken_again(
     method: ScipyMethod, law: GuardedRhs, times: tuple[float, float], ends: tuple[FloatArray, FloatArray]
 ) -> StepInterpolant:
-    """Return the path over an accepted step of a one-step method by repeating the step.
+    """Return the path over an accepted step of a one-step method, by repeating the step.
 
-    The tolerance is infinite, so that the step is not rejected and is the same. Few runs need states between their
-    steps, and the solvers' own paths take a tenth to a third of a run.
+    The tolerance is infinite, so that the repeated step is accepted and the same. Few runs need states between their
+    steps, and the solvers' own paths would take a tenth to a third of a run.
     """
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))
@@ -110,10 +110,10 @@ def _taken_again(
 
 @dataclass(frozen=True)
 class ScipyMethod(ABC):
-    """One of SciPy's solvers. `max_step` bounds its steps and `first_step` sets the first, both positive times.
+    """One of SciPy's solvers, restarted at resets by events.
 
-    The solver is restarted at resets by events. The implicit solvers use the model's compiled Jacobian, and run one at
-    a time in a process.
+    `max_step` bounds its steps and `first_step` sets the first; both are positive times. The implicit solvers use the
+    model's compiled Jacobian. In a process they run one at a time.
     """
 
     max_step: float = np.inf
@@ -127,21 +127,22 @@ class ScipyMethod(ABC):
     from_zero: ClassVar[bool] = False
     """True if the solver gets the time since its start, because it loses precision at large times."""
     stages: ClassVar[int] = 0
-    """Number of evaluations of one trial step, 0 if it is not fixed."""
+    """Number of evaluations in one trial step; 0 if it varies."""
     repeats: ClassVar[bool] = False
     """True if a step depends only on the state and the times of its ends, so that its path can be recomputed."""
     first_power: ClassVar[int] = 0
-    """Power of the first step with which its error grows, 0 if the solver chooses it without absolute times."""
+    """Power of the first step with which its error grows; 0 if the solver's choice does not depend on absolute times.
+    """
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
 
     def output(self) -> Callable[[Any], Output]:
-        """Return the function that makes the path over a solver's last step, as a function of its times."""
+        """Return the function that makes the path over a solver's last step. The path is a function of its times."""
         return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         start, power = partial(_ScipyStepper, self), self.first_power if self.first_step is None else 0
         return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit), power)
 
@@ -234,7 +235,7 @@ class LSODA(ScipyMethod):
     from_zero: ClassVar[bool] = True
 
     def output(self) -> Callable[[Any], Output]:
-        """Return the function that copies the solver's history of derivatives; see `ScipyMethod`.
+        """Return the function that copies the solver's history of derivatives.
 
         SciPy's own path object takes longer to make than the step.
         """
@@ -264,7 +265,7 @@ def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: Float
 
 @lru_cache(maxsize=1)
 def _history_is_known() -> bool:
-    """Return whether the memory of SciPy's LSODA has ODEPACK's layout, by a test run."""
+    """Return True if the memory of SciPy's LSODA has ODEPACK's layout, tested by a run."""
     solver: Any = scipy.integrate.LSODA(lambda _, y: np.array([y[1], -(y[0] ** 3)]), 0.0, np.array([1.0, 0.5]), 20.0)
     while solver.status == "running":
         solver.step()

@@ -1,4 +1,4 @@
-"""CVODE of the SUNDIALS suite as an integrator, driven step by step; it needs the package scikit-sundae."""
+"""CVODE of the SUNDIALS suite as an integrator, driven step by step. It needs the package scikit-sundae."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ ORDERS = {"BDF": 5, "Adams": 12}
 """Families of CVODE's formulas, with the highest order of each."""
 
 LAST_STEP_SPACINGS = 4
-"""A step of at most this many spacings of floating-point times is the last: CVODE would continue endlessly with
-t + h = t (LLNL/sundials#44), and warn of it from C."""
+"""A remaining time of at most this many spacings of floating-point times is one last step. Otherwise CVODE would
+continue forever with t + h = t (LLNL/sundials#44), and print warnings from C.
+"""
 
 TINIEST = 1e-140
-"""Time spans below this count as zero: CVODE divides by squares of fractions of the span."""
+"""Time spans below this count as zero, because CVODE divides by squares of fractions of the span."""
 
 _REACHED = 1
 """CVODE's return code for reaching the end."""
@@ -77,7 +78,7 @@ class CVODE:
         return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`. Raises StatementError if scikit-sundae is not installed."""
+        """Return the trajectory of the problem. Raises StatementError if scikit-sundae is not installed."""
         return drive_stepwise(problem, self.name, "CVODE", partial(_CvodeStepper, _solver(), self), nullcontext([]))
 
 
@@ -94,10 +95,10 @@ def _solver() -> Callable[..., Any]:
 
 
 class _CvodeStepper:
-    """CVODE between two steps; see `Stepper`.
+    """CVODE between two steps: implements `Stepper`.
 
-    It runs in the time s since its start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
-    spacing of large times, and the package takes no first step backwards.
+    It runs in the time s since its start, t = t0 + s, or t0 - s for a run backwards. So small first steps are not lost
+    in the spacing of large times, and the package needs no first step backwards.
     """
 
     def __init__(
@@ -186,7 +187,7 @@ class _CvodeStepper:
 
 
 class _OtherThreads:
-    """Standard output for all threads except `silent`, whose output is dropped.
+    """Standard output that drops the output of the thread `silent`, and passes on that of all others.
 
     One object serves the whole process: Python's print keeps no reference to the sys.stdout that it writes to.
     """
@@ -203,12 +204,12 @@ class _OtherThreads:
 
 _OUT: Any = _OtherThreads()
 _STEPPING = threading.RLock()
-"""Lock during a step: to suppress printing, sys.stdout is replaced meanwhile."""
+"""Lock during a step in which printing is suppressed, because sys.stdout is replaced meanwhile."""
 
 
 @contextmanager
 def _unprinted() -> Iterator[None]:
-    """Suppress the output of scikit-sundae for a failing step: the run's message reports it."""
+    """Context that suppresses the output of scikit-sundae for a failing step: the run's message reports the failure."""
     with _STEPPING:
         if sys.stdout is None:
             yield

@@ -1,4 +1,4 @@
-"""Energy test of a run: a run that does not conserve the energy that the equations conserve is unreliable."""
+"""Energy test of a run: it is unreliable if it does not conserve an energy that the equations conserve."""
 
 from __future__ import annotations
 
@@ -14,32 +14,28 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS = 1.0
-"""A run is unreliable if the energy changes by more than this fraction of the kinetic energy at the mean speed.
-
-The change is a quarter of the kinetic energy at the end of a fall from rest, and two fifths of the largest kinetic
-energy of an oscillation. A jump over a collision gains a hundred times as much.
+"""A run is unreliable if the energy changes by more than this fraction of the kinetic energy at the mean speed. That
+kinetic energy is a quarter of the final one in a fall from rest, and two fifths of the largest one in an oscillation. A
+jump over a collision gains a hundred times as much.
 """
 
 NOTABLE_CHANGE, SMALL_CHANGE = 1e-5, 1e-2
-"""Changes of the energy that need no further test: relative to the energy, and to the kinetic energy at either end.
-
-A run at default tolerances changes the energy by 1e-12 to 1e-7, so its test costs one evaluation. The first number is
-small because the energy may be large only because of its zero.
+"""Changes of the energy that need no further test: relative to the energy, and to the kinetic energy at either end. A
+run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation. The first number
+is small because the energy may be large only by the choice of its zero.
 """
 
 SPEED_SAMPLES = 64
 """Number of equal parts of the time span at whose ends the speed is evaluated."""
 
 ROUND_OFF_DISPLACEMENT = 1e-10
-"""Relative displacement that is round-off and error within the tolerance.
-
-A body at rest in equilibrium has energies of that size, which no method conserves.
+"""Relative displacement that counts as rounding and error within the tolerance. A body at rest in equilibrium has
+energies of that size, which no method conserves.
 """
 
 FIRST_DISPLACEMENT = 1e-3
-"""Relative displacement along the first acceleration for which the motion has only begun.
-
-After one Euler step from rest the kinetic energy has a relative error of 1, and the state one of half the step squared.
+"""Relative displacement along the first acceleration for which the motion has only begun. After one Euler step from
+rest the kinetic energy has a relative error of 1; the error of the state is half of the squared step.
 """
 
 DIRECTIONS = 8
@@ -49,8 +45,8 @@ DIRECTIONS = 8
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
     """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
-    Equal steps may jump over a collision or a singular configuration without an error. If a reset set the state, the
-    test ends before it.
+    Equal steps may jump over a collision or a singular configuration without an error. If a reset changed the state,
+    the test ends before it.
     """
     model = problem.model
     if not trajectory.status.complete or not model.equations.structure.may_keep_energy or not trajectory.y.size:
@@ -84,14 +80,14 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
 
 
 def energy(problem: Problem, y: FloatArray) -> float:
-    """Return the energy of a state, at the time of the start."""
+    """Return the energy of a state (2n,), at the time of the start."""
     kernel, parameters = problem.model.kernel("energy"), problem.parameter_array
     found = quickly(kernel, parameters, problem.t0, y)
     return float(kernel(problem.t0, y, parameters) if found is None else found)
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
-    """Return the last state before a reset, or of the run, and its time."""
+    """Return the last state of the run, or before the first reset, and its time."""
     if not problem.events:
         return trajectory.y[:, -1], float(trajectory.t[-1])
     direction = 1 if problem.t1 >= problem.t0 else -1
@@ -109,8 +105,8 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
     """Return the kinetic energy at the mean speed from the start until a time.
 
-    Unlike the energy it does not depend on the zero of the potential. Unlike the kinetic energy of one state it does
-    not vanish at a turning point, and a close encounter does not dominate it.
+    Unlike the energy it does not depend on the zero of the potential. Unlike the kinetic energy of one state, it is not
+    zero at a turning point, and a close encounter does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -125,14 +121,14 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
 
 
 def _kinetic_energy_at(problem: Problem, y: FloatArray) -> float:
-    """Return |v.p| / 2 of one state if that is quickly found, else 0: energies near zero need no more, as a rule."""
+    """Return |v.p| / 2 of one state if it has a quick call, else 0: energies near zero usually need no more."""
     model = problem.model
     momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, y)
     return 0.0 if momenta is None else abs(float(momenta @ y[model.layout.v])) / 2
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
-    """Return |v.p| / 2 of states (2n, K), the kinetic energy where that is quadratic in the velocities."""
+    """Return |v.p| / 2 of states (2n, K): the kinetic energy if that is quadratic in the velocities."""
     q, v = problem.model.layout.split(y)
     momenta = problem.model.momenta(q, v, problem.t0, problem.parameter_array)
     return np.asarray(np.abs(np.sum(v * momenta, axis=0)) / 2)

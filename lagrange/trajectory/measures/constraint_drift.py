@@ -13,7 +13,7 @@ from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 from lagrange.trajectory.trajectory import FloatArray
 
 CANCELS = 0.5
-"""Value of a constraint, relative to the sizes of its terms, below which the terms cancel."""
+"""Value of a constraint, relative to the sizes of its terms, below which its terms cancel."""
 
 DRIFT_SAMPLES = 9
 """Number of states along the run from which the largest entries are taken."""
@@ -21,12 +21,11 @@ DRIFT_SAMPLES = 9
 
 @dataclass(frozen=True, repr=False)
 class ConstraintDrift:
-    """The violations (m, N) of constraints along a run, each relative to the largest size of its own terms there.
+    """The violations (m, N) of constraints along a run, each relative to the largest size of the constraint's terms.
 
-    If no terms cancel, as in y = 0, the scale is the gradient times the sizes of the entries of the state.
-
-    `positions` are the violations of phi, zero for constraints stated in velocities. `velocities` are those of
-    dphi/dt, or of the constraint as stated in velocities.
+    If no terms cancel, as in y = 0, the scale is the gradient times the sizes of the entries of the state. `positions`
+    are the violations of phi, zero for constraints stated in velocities. `velocities` are those of dphi/dt, or of the
+    constraint as stated in velocities.
     """
 
     positions: FloatArray
@@ -44,11 +43,11 @@ class ConstraintDrift:
 
     @property
     def card(self) -> dict[str, float | None]:
-        """The largest violations of the run by kind; None for a value that is not finite."""
+        """The largest violations of the run, by kind; None for a value that is not finite."""
         return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
 
     def sentence(self) -> str:
-        """Return the largest violations in words."""
+        """Return a sentence with the largest violations."""
         return (
             ", ".join(f"{value:.1e} in {name}" for name, value in self._largest.items()) + ", relative to their terms"
         )
@@ -64,7 +63,7 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
         return None
-    with np.errstate(all="ignore"):  # states that are not finite are reported by the run
+    with np.errstate(all="ignore"):  # The run reports states that are not finite.
         size = np.abs(model.called(model.kernel("constraints"), t, y, values))
         terms = model.called(model.kernel("constraint_sizes"), t, y, values)
         alone = (size >= CANCELS * terms).all(axis=1)
@@ -76,7 +75,7 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 
 
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the gradients of constraints times the sizes of the entries, (2m,), the largest of some states.
+    """Return the gradients of constraints times the sizes of the entries, (2m,), the largest over sample states.
 
     It is the scale of constraints without cancellation: the only term of y = 0 is y itself.
     """

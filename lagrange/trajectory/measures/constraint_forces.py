@@ -1,4 +1,4 @@
-"""Multipliers and constraint forces along a run: by name, as generalized forces, and as vectors on stated points."""
+"""Multipliers and constraint forces along a run, by name: as generalized forces, and as vectors on named points."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lagrange.statement.statement import corners
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_RELATED_POINTS = 3
-"""Largest number of points that a constraint is tested to relate: distances relate two, angles three."""
+"""Largest number of points whose relation by a constraint is tested: distances relate two, angles three."""
 
 POINT_SAMPLES = 9
 """Number of equally spaced states of a run that decide on which points a constraint acts."""
@@ -47,21 +47,24 @@ class ConstraintForces:
 
     @cached_property
     def multipliers(self) -> ByName[FloatArray]:
-        """The multipliers (N,) by name, empty without constraints; NaN at states where they are not determined."""
+        """The multipliers (N,) by name, empty without constraints.
+
+        They are NaN at states that do not determine them.
+        """
         if not self.names:
             return ByName("constraint")
         rows = self._from(0, len(self.t))
         return ByName("constraint", zip(self.names, rows, strict=True))
 
     def _at_states(self, which: slice) -> FloatArray:
-        """Return the multipliers at the states with these indices, (m, k)."""
+        """Return the multipliers (m, k) at the states in a slice."""
         q, v = self.model.layout.split(self.y[:, which])
         return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
 
     def _from(self, begin: int, end: int) -> FloatArray:
-        """Return the multipliers (m, k) at states `begin` to before `end`, NaN where they are not determined.
+        """Return the multipliers (m, k) at states `begin` to before `end`; NaN at states that do not determine them.
 
-        Bisection finds such a state; mostly it is the last one, where a run ended.
+        Bisection finds such states. Usually it is the last state, where a run ended.
         """
         try:
             return self._at_states(slice(begin, end))
@@ -76,7 +79,7 @@ class ConstraintForces:
         return self._gradient(name) * self.multipliers[name]
 
     def on_point(self, name: str, point: str) -> FloatArray:
-        """Return the force of one constraint on a stated point, a vector (2, N) or (3, N); see `Solution`."""
+        """Return the force of one constraint on a named point, (2, N) or (3, N), for `Solution.constraint_force`."""
         rows = self._gradient(name)
         points = self._points
         if not points:
@@ -107,7 +110,7 @@ class ConstraintForces:
 
     @cached_property
     def _points(self) -> dict[str, tuple[Any, ...]]:
-        """The named points on which forces act: all but corners of shapes."""
+        """The named points on which forces act: all except corners of shapes."""
         statement = self.model.statement
         hidden = corners(statement.links)
         return {name: point for name, point in statement.positions.items() if name not in hidden}
@@ -128,8 +131,8 @@ class ConstraintForces:
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
         """Return the smallest set of points such that the constraint relates only their motion.
 
-        Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError
-        without such a set, and for several sets.
+        Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError if
+        there is no such set, or if there are several.
         """
         places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
@@ -150,7 +153,7 @@ class ConstraintForces:
         )
 
     def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:
-        """Return True if a row of G is a unique linear combination of the derivatives of some points."""
+        """Return True if a row of G is a unique linear combination of the derivatives of the chosen points."""
         return all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
 
     def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:

@@ -1,4 +1,4 @@
-"""Drift of the energy along a run: its numbers, its scale, and its sentence."""
+"""Drift of the energy along a run: its values, its scale, and its sentence."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from lagrange.machine.parameters import Parameters
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _NEAR_ZERO = 1e-3
-"""Initial energy, relative to the exchanged kinetic energy, below which it is a small difference and not the scale."""
+"""Initial energy, relative to the exchanged kinetic energy, below which it is a small difference and not used as scale.
+"""
 
 
 @dataclass(frozen=True, repr=False)
 class EnergyDrift:
     """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
 
-    `last` is E at the end, and `absolute` is max |E - E0|. `relative` divides it by `scale`: |E0|, or if E0 is close
-    to zero, the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is True if the equations
-    conserve the energy, and None if that is not known; only if it is True does the drift measure accuracy. `against`
-    is the scale in words.
+    `last` is E at the end, and `absolute` is max |E - E0|. `relative` divides it by `scale`. The scale is |E0|; if E0
+    is close to zero it is the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is True if
+    the equations conserve the energy, and None if that is not known; only if it is True does the drift measure
+    accuracy. `against` describes the scale.
     """
 
     conserved: bool | None
@@ -39,7 +40,7 @@ class EnergyDrift:
 
     @property
     def relative(self) -> float:
-        """The drift over its scale, or the drift itself if nothing moves."""
+        """The drift divided by its scale, or the drift itself if nothing moves."""
         return self.absolute / self.scale if self.scale > 0 else self.absolute
 
     @property
@@ -48,17 +49,14 @@ class EnergyDrift:
         return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
 
     def sentence(self) -> str:
-        """Return the drift in words, or the first and the last energy if it is not known to be conserved."""
+        """Return a sentence with the drift, or with the first and last energy if conservation is not known."""
         if not self.conserved:
             return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
         return f"{self.relative:.1e} of {self.against}"
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return times and states of the start and of the outputs, and True if the start is known.
-
-    An unknown start is left out.
-    """
+    """Return times and states of the start and of the outputs, and True if the start is known; else it is omitted."""
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
         return t, y, True
@@ -80,11 +78,11 @@ def energy_drift(
 ) -> EnergyDrift:
     """Return the drift of the energy of states y (2n, N) at times t (N,).
 
-    `from_start` says that the first state is the start of the run. `start` are the first parameters of the run. The
-    energy that events add by setting parameters is subtracted, and the energy `lost` (N,) at contacts added.
+    `from_start` is True if the first state is the start of the run. `start` are the first parameters of the run. The
+    energy that events add by setting parameters is subtracted. The energy `lost` (N,) at contacts is added.
     """
     parameters = run.parameters_at(t, start)
-    with np.errstate(all="ignore"):  # states that are not finite are reported by the run
+    with np.errstate(all="ignore"):  # The run reports states that are not finite.
         energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t) + lost
         return _drift(model, energy, t, y, parameters, from_start=from_start)
 

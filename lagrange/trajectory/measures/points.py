@@ -1,4 +1,4 @@
-"""Stated positions along a run."""
+"""Positions of named points along a run."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lagrange.trajectory.trajectory import FloatArray
 def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
     """Return each named point, (2, K) or (3, K), at K times and states y (2n, K).
 
-    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a
-    link names it. Empty without stated positions.
+    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a link
+    names it. The result is empty without named points.
     """
     statement = model.statement
     if "points" not in model.prepared:
@@ -34,7 +34,7 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return by name of each point, and the origin, True if it depends on neither a coordinate nor the time.
+    """Return by name of each point, and of the origin, True if it depends neither on coordinates nor on time.
 
     Points along surfaces count as fixed: they have no paths.
     """

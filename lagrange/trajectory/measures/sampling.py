@@ -13,7 +13,7 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _CLIPPED = 1e-12
-"""Fraction of the span by which a time may exceed an end by rounding; it is then set to that end."""
+"""Largest fraction of the span by which a time may exceed an end due to rounding. It is then set to that end."""
 
 MOST_LINES = 10_000_000
 """Largest number of lines that `to_csv(rate=...)` writes; such a file has some gigabytes."""
@@ -38,7 +38,7 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 
 
 def times_at(run: Trajectory, rate: Any) -> FloatArray:
-    """Return times from the first output up to the last, `rate` per unit of time.
+    """Return times from the first to the last output, `rate` per unit of time.
 
     Raises StatementError for a rate that is not positive or gives too many times.
     """

@@ -1,4 +1,4 @@
-"""Stiffness of a run: steps of an explicit method that were limited by stability, not by accuracy."""
+"""Stiffness of a run: steps of an explicit method that stability limited, not accuracy."""
 
 from __future__ import annotations
 
@@ -21,39 +21,33 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SAMPLED_STEPS = 20
-"""Number of accepted steps that are examined, evenly spread; a run needs three times as many."""
+"""Number of accepted steps that are examined, equally spaced. A run needs three times as many steps."""
 
 MODE_GROWTH = 1e-5
-"""Relative growth of a mode per step at which the limit of stability is set.
-
-In some 1e5 steps of a stiff run it is a factor e. On the imaginary axis its size matters: |R| of dopri5 exceeds 1 from
-1.0 on and 1.01 from 1.7 on; that of tsit5 exceeds 1 from 0.48 on and 1 + 1e-5 from 0.75 on. Their steps settle at 0.9
-to 1.0 and at 0.64 to 0.85.
+"""Relative growth of a mode per step at which the limit of stability is defined. In some 1e5 steps of a stiff run it is
+a factor e. On the imaginary axis its size matters. |R| of dopri5 exceeds 1 from 1.0 on and 1.01 from 1.7 on; that of
+tsit5 exceeds 1 from 0.48 on and 1 + 1e-5 from 0.75 on. Their steps settle at 0.9 to 1.0 and at 0.64 to 0.85.
 """
 
 NEAR_LIMIT = 0.6
-"""Step length, relative to the limit of stability, from which a step is at the limit.
-
-Of the library's scenes only those run at rtol = 1e-3 reach it, up to 0.7; stiff runs vary from about 0.7 to 1.
+"""Step length, relative to the limit of stability, above which a step is at the limit. Of the library's scenes only
+those at rtol = 1e-3 reach it, up to 0.7. Stiff runs vary from about 0.7 to 1.
 """
 
 MOST_OVERSHOOT = 1.5
-"""Step control keeps a step below this multiple of the limit; equal steps may exceed it, and the run fails."""
+"""Largest step, relative to the limit, with step control. Equal steps may exceed it; then the run fails."""
 
 SLOWER = 30.0
-"""The solution must change more slowly than the limiting mode by this factor; otherwise the mode is resolved."""
+"""The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""
 
 NEGLIGIBLE = 1e-4
-"""Least scale of a velocity, relative to the speed; both are weighted by the square roots of masses.
-
-The stiff spring of a pendulum moves so little that its velocity is only the error that the tolerance allows.
+"""Least scale of a velocity, relative to the speed; both are weighted by the square roots of masses. The stiff spring
+of a pendulum moves so little that its velocity is only the error that the tolerance allows.
 """
 
 LET_THROUGH = 10.0
-"""Change of a velocity over a step, in units of rtol times the speed, that the tolerance allows.
-
-An undamped oscillation that the steps do not resolve grows until step control limits it, at 1 to 7 rtol for dopri5
-and tsit5.
+"""Change of a velocity over a step that the tolerance allows, in units of rtol times the speed. An undamped oscillation
+that the steps do not resolve grows until step control limits it, at 1 to 7 rtol for dopri5 and tsit5.
 """
 
 REMEDY = "radau5"
@@ -75,9 +69,9 @@ Polynomial = tuple[float, ...]
 class Stiffness:
     """Medians over the steps of a stiff run that were at the limit of stability.
 
-    `share` is their share of the examined steps. `rate` is the size of the eigenvalue of the Jacobian that limits the
-    step, per unit of time. `product` is the rate times the step, and `limit` its bound in the direction of the
-    eigenvalue. `slower` is the ratio of the rate to the rate of change of the solution.
+    `share` is the fraction of the examined steps at the limit. `rate` is the size of the eigenvalue of the Jacobian
+    that limits the step, per unit of time. `product` is the rate times the step, and `limit` its bound in the direction
+    of the eigenvalue. `slower` is the ratio of the rate to the rate of change of the solution.
     """
 
     method: str
@@ -91,7 +85,7 @@ class Stiffness:
         return f"<Stiffness: {self.sentence()}>"
 
     def sentence(self) -> str:
-        """Return the finding and the remedy as a sentence."""
+        """Return a sentence with the finding and the remedy."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the examined steps, h * {self.rate:.2g} = {self.product:.2g} is {where} "
@@ -101,7 +95,7 @@ class Stiffness:
 
 
 def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any]) -> Stiffness | None:
-    """Return the stiffness of a run, or None if it is not stiff, too short, or by a method without known limit.
+    """Return the stiffness of a run; None if it is not stiff, too short, or by a method without a known limit.
 
     The limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20 accepted
     steps, and only if the solution changes little over most of them.
@@ -133,7 +127,7 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
 
 
 def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any], towards: float) -> Trajectory:
-    """Return a run that ended early, with stiffness as the cause in its message if that was the cause.
+    """Return a run that ended early. If stiffness was the cause, its message says so.
 
     Its steps may have become so short that the status reports a singularity, which the solution does not have.
     """
@@ -149,7 +143,10 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
 
 def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a quantity at the begin of the steps, the step first; numpy needs no compiling for so few states."""
+    """Return a quantity at the start of each step, with the step as first axis.
+
+    It is interpreted: compiling takes longer.
+    """
     states = path.states[steps].T
     kernel = model.interpreted(name)
     found = kernel.columns(path.times[steps], model.layout.split(states), values)
@@ -157,9 +154,9 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return the relative change of the velocity over each of the steps: the largest of its entries.
+    """Return the relative change of the velocity over each step: the largest over its entries.
 
-    The range of an entry is at least `least` of the speed.
+    The scale of an entry is at least `least` times the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
@@ -174,10 +171,10 @@ def _found(
     """Examine steps of length `h` one by one, and return the `Stiffness` of the run, or None."""
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
-        # In a backward run a mode that grows in time decays.
+        # In a run backwards a mode that grows in time decays.
         eigenvalues = np.sign(step) * (np.linalg.eigvals(jacobian) if np.isfinite(jacobian).all() else np.zeros(1))
         sizes = np.abs(eigenvalues)
-        # A growing mode is part of the solution; round-off moves oscillations off the imaginary axis.
+        # A growing mode belongs to the solution. Rounding moves oscillations away from the imaginary axis.
         kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
         limits = np.array([stability_limit(polynomial, abs(float(np.angle(one)))) for one in eigenvalues[kept]])
         near = abs(step) * sizes[kept] / limits
@@ -192,7 +189,7 @@ def _found(
 
 @lru_cache(maxsize=64)
 def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
-    """Return the coefficients of R(z), by which a step multiplies y where y' = y z/h: 1, then b.A^k.1.
+    """Return the coefficients of R(z), by which a step multiplies y if y' = y z/h: 1, then b.A^k.1.
 
     E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2, (2.7).
     """
@@ -217,7 +214,7 @@ def _limit(polynomial: Polynomial, angle: float) -> float:
     def grows(r: FloatArray) -> FloatArray:
         return np.asarray(np.abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) > 1 + MODE_GROWTH)
 
-    # |R| > 1 for certain beyond twice the degree, where the last term is larger than all others together.
+    # Beyond twice the degree |R| > 1 certainly: the last term exceeds the sum of all others.
     r = np.linspace(0, 4.0 * len(polynomial), 4001)
     first = int(grows(r).argmax())
     fine = np.linspace(r[first - 1], r[first], 101)
@@ -225,6 +222,6 @@ def _limit(polynomial: Polynomial, angle: float) -> float:
 
 
 def stability_limit(polynomial: Polynomial, angle: float) -> float:
-    """Return the length |z| up to which |R(z)| stays 1 in the direction of an angle from pi/2 to pi, in radians."""
-    # Counted from the imaginary axis: beside it by a round-off of 1e-4, damping would hide the growth along it.
+    """Return the length |z| up to which |R(z)| <= 1, in the direction of an angle from pi/2 to pi, in radians."""
+    # An angle within a rounding of 1e-4 of the imaginary axis counts as on it: damping would hide the growth there.
     return _limit(polynomial, math.pi / 2 + round(angle - math.pi / 2, 3))
