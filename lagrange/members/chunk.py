@@ -1,4 +1,4 @@
-"""Some members of an ensemble: their initial values, their results, and the arrays of all results."""
+"""A chunk of members of an ensemble: their initial values and results, and the arrays of all results."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ STATUSES = tuple(Status)
 """Statuses by code, the index in this tuple."""
 
 SUCCESS, INTERRUPTED = STATUSES.index(Status.SUCCESS), STATUSES.index(Status.INTERRUPTED)
-"""Status codes. A member that was not run because the ensemble was interrupted is INTERRUPTED."""
+"""Codes of two statuses. A member that was not run because the ensemble was interrupted is INTERRUPTED."""
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Initial values of m members: states (m, 2n) and parameters (m, k), or (1, k) if all have the same."""
+    """Initial values of m members: states (m, 2n) and parameters (m, k), or (1, k) if all members share them."""
 
     states: FloatArray
     parameters: FloatArray
@@ -35,7 +35,7 @@ class Starts:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Results of m members: columns by name, each with m rows, as in `lagrange.members.keep`.
+    """Results of m members: columns by name, each with m rows, as `lagrange.members.keep` defines them.
 
     `messages` are those of members that did not succeed, by row.
     """
@@ -60,15 +60,15 @@ class Table(Protocol):
 
 
 Stopped = Callable[[], bool]
-"""Callback that returns True if no further member shall begin."""
+"""Callback that returns True if no further member may begin."""
 
 
 class Engine(Protocol):
-    """Runs members. The result of a member depends only on its initial values, not on the other members."""
+    """Protocol of an object that runs members. A member's result depends only on its initial values."""
 
     @property
     def form(self) -> str:
-        """The way in which members are run, in a few words."""
+        """How members are run, in a few words."""
 
     @property
     def side_by_side(self) -> int:
@@ -80,7 +80,7 @@ class Engine(Protocol):
 
 @runtime_checkable
 class MemberResults(Protocol):
-    """The results of all members, in memory, or in a store that is read at each access."""
+    """Protocol of the results of all members, in memory, or in a store that is read at each access."""
 
     def column(self, name: str) -> Any:
         """Return a column, with a row for each member."""
@@ -102,7 +102,7 @@ class Results:
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return blank columns for a number of members."""
+        """Return results with blank columns for a number of members."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:
@@ -114,7 +114,7 @@ class Results:
         return self.columns[name][member]
 
     def take(self, first: int, ends: Ends) -> None:
-        """Copy the results of a chunk into rows `first` and following; rows of members that were not run stay blank."""
+        """Copy the results of a chunk to rows `first` and following. Rows of members that were not run remain blank."""
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows

@@ -1,4 +1,4 @@
-"""The common part of all members of an ensemble, which is sent to other processes, and runs of chunks of members."""
+"""The common data of all members of an ensemble, which are sent to other processes, and runs of chunks."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.plan import Planned
 
 ENGINES_KEPT = 4
-"""Number of jobs that stay compiled in a worker; the oldest is dropped."""
+"""Largest number of jobs that a worker keeps compiled. The oldest is dropped."""
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The run of the first member, the options of all, and the kept results.
+    """The run of the first member, the options of all members, and the selected results.
 
     `varying` is True if each member has its own parameters.
     """
@@ -75,10 +75,10 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """The results of a chunk, the seconds that it took, and the way in which its members were run.
+    """The results of a chunk, the seconds that it took, and how its members were run.
 
-    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler, ""
-    for chunks of this process and without compiled code.
+    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler; "" for
+    chunks of this process and without compiled code.
     """
 
     ends: Ends
@@ -106,7 +106,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run members and return their results with the seconds that they took."""
+    """Run members. Return their results with the seconds that they took."""
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
     return ChunkResult(ends, time.perf_counter() - began, engine.form, engine.side_by_side)

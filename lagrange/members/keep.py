@@ -1,4 +1,4 @@
-"""The results kept of each member: columns, and reductions of expressions along its run."""
+"""The stored results of each member: columns, and reductions of expressions along its run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OUTPUT_TIME = "t"
 
 
 class Column(NamedTuple):
-    """An array with a row for each member: its name, shape and dtype of a row, and the value `blank` without result."""
+    """An array with a row for each member: its name, the shape and dtype of a row, and the value `blank`."""
 
     name: str
     shape: tuple[int, ...]
@@ -41,7 +41,7 @@ class Column(NamedTuple):
     blank: float
 
     def empty(self, members: int) -> Any:
-        """Return the array for some members, without results."""
+        """Return the array for a number of members, without results."""
         return np.full((members, *self.shape), self.blank, dtype=self.kind)
 
     @property
@@ -58,7 +58,7 @@ class Column(NamedTuple):
 
 
 class Reduction(NamedTuple):
-    """An expression along a run, reduced to one number: column name, reduction such as "max", and expression."""
+    """An expression along a run, reduced to one number: column, name of the reduction such as "max", expression."""
 
     name: str
     how: str
@@ -67,7 +67,7 @@ class Reduction(NamedTuple):
 
 @dataclass(frozen=True)
 class Keep:
-    """The selection of results that are kept of each member.
+    """The selection of results that are stored for each member.
 
     `end` is the last state, `counts` are the numbers of steps and evaluations, `drift` is that of the energy, and
     `events` is the number of occurrences of each event.
@@ -139,7 +139,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], given: Reduction) -> None:
-    """Append a reduction unless it is there; a number as suffix tells apart expressions that print alike."""
+    """Append a reduction unless it is in the list. A numeric suffix distinguishes expressions that print alike."""
     if any((one.how, one.expression) == (given.how, given.expression) for one in reductions):
         return
     names = {one.name for one in reductions}
@@ -210,12 +210,12 @@ STEPS_AT_ONCE = 16384
 """Number of steps whose points are evaluated in one call."""
 
 NONE = np.empty(0)
-"""Empty work array for the search of extremes: the dense output of a run needs no memory for polynomials."""
+"""Empty work array for the search of extremes, because the dense output of a run needs no memory for polynomials."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run with all accepted states, not reduced to output times, and the parameters (k,) of its member."""
+    """A run with all accepted states, instead of states at output times, and the parameters (k,) of its member."""
 
     model: Model
     run: Trajectory
@@ -251,13 +251,13 @@ class SampledRun:
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
             return begin
         points = np.repeat(begin[:, low:high, None], len(lobatto()[0]), axis=2)
-        # A step to the time of an event ends with the parameters before it, a reset with those after it.
+        # The parameters at the end of a step are those before an event there; those of a reset are the ones after it.
         resets = low + np.flatnonzero(np.diff(self.run.t[low : high + 1]) == 0)
         points[:, resets - low, -1] = begin[:, resets + 1]
         return points.reshape(len(begin), -1)
 
     def _steps(self) -> Iterator[_Steps]:
-        """Yield the steps in groups; a reset is a step of length zero."""
+        """Yield the steps in groups. A reset is a step of length zero."""
         t, y, points = self.run.t, self.run.y, lobatto()[0][1:-1]
         for low in range(0, len(t) - 1, STEPS_AT_ONCE):
             high = min(low + STEPS_AT_ONCE, len(t) - 1)
@@ -273,7 +273,7 @@ class SampledRun:
 class _Steps:
     """Sampled steps of a run, at K = `SAMPLE_POINTS` points each: times (k, K), states (2n, k, K), and parameters.
 
-    k is the number of steps.
+    The number of steps is k.
     """
 
     of: SampledRun
@@ -293,7 +293,7 @@ class _Steps:
         return values.reshape(self.times.shape)
 
     def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
-        """Return an expression inside the steps `which`, at a fraction of each."""
+        """Return an expression (m,) inside the steps `which` (m,), at one fraction of each."""
         times = self.times[which, 0] + fractions * self.lengths[which]
         return self.of._values(expression, times, self.of.run.dense(times))
 
@@ -358,7 +358,7 @@ class _Extremum:
     def _near_end(
         self, steps: _Steps, values: FloatArray, f: FloatArray, which: Any, first: int
     ) -> tuple[Any, Any, Any]:
-        """Return the brackets of those steps `which` where the expression rises from an end into the next gap.
+        """Return brackets for those steps of `which` on which the expression rises from an end into the next gap.
 
         `first` is the index of the point before the gap.
         """
@@ -370,7 +370,7 @@ class _Extremum:
         return kept, places, np.array([values[kept, first], value[rises], values[kept, first + 1]])
 
     def _search(self, steps: _Steps, which: Any, places: FloatArray, values: FloatArray) -> None:
-        """Search for the largest value within brackets, fractions (3, k) with values (3, k), and update `best`."""
+        """Search for the largest value in brackets, fractions (3, k) with values (3, k), and update `best`."""
         search, sign = called(largest_between.form()), SIGNS[self.reduction.how]
         for k in range(len(which)):
             step = partial(self._value, steps, which[k : k + 1]), 0.0, 0.0, 0.0, 0, NONE, NONE, 0

@@ -1,4 +1,4 @@
-"""Members in parallel vector lanes: compiled code, and the engine that runs it."""
+"""Members in parallel vector lanes: their compiled code, and the engine that runs it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 class MemberEvents:
     """Event functions of members: `nodes` with their reactions.
 
-    The first `events` of them are the user's; the others are roots.
+    The first `events` are the user's; the others are roots.
     """
 
     nodes: tuple[Node, ...]
@@ -72,7 +72,7 @@ class MemberEvents:
 
     @classmethod
     def of(cls, impacts: Sequence[Impact]) -> MemberEvents | None:
-        """Return the event functions and reactions of some impacts, or None without impacts."""
+        """Return the event functions and reactions of events `impacts`, or None if there are none."""
         if not impacts:
             return None
         reactions = [
@@ -96,7 +96,7 @@ class MemberEvents:
 
 @dataclass(frozen=True)
 class MemberTasks:
-    """Work of the machine code besides steps.
+    """Tasks of the machine code in addition to steps.
 
     `reductions` are evaluated along the steps, `path` is the dense output that they need, `varying` is True if each
     member has its own parameters, and `watched` has the events.
@@ -202,7 +202,7 @@ cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,0
 for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
 
 UNDECIDED = 255
-"""Code of an outcome for which only a single run can tell the status."""
+"""Code of an outcome after which only a single run can determine the status."""
 
 _STATUSES = {
     Outcome.DONE: Status.SUCCESS,
@@ -224,7 +224,7 @@ _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members in vector lanes; `alone` runs the members that the lanes cannot finish."""
+    """Runs members in vector lanes. `alone` runs the members that the lanes cannot finish."""
 
     compiled: Compiled
     plan: Plan
@@ -241,7 +241,7 @@ class LaneEngine:
         return self.compiled.code.lanes
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run all members to their ends; `stopped` is unused: machine code does not stop, and chunks are short."""
+        """Run all members to their ends. `stopped` is not used: machine code does not stop, and chunks are short."""
         m, n = starts.states.shape
         alone, observed = self.alone, self.compiled.observed
         count = 0 if alone.times is None else len(alone.times)
@@ -292,8 +292,8 @@ class LaneEngine:
     ) -> NDArray[np.bool_]:
         """Return a mask (m,) of the members whose end only a single run can explain.
 
-        They took no step, or may have lost their inertia. Where steps shrank before a state without derivatives, the
-        domain of the equations ends; the code becomes `LOST` there.
+        They took no step, or may have lost their inertia. If steps became too small before a state without derivatives,
+        the domain of the equations ends there; the code becomes `LOST`.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
         stuck = codes == STUCK
@@ -323,7 +323,7 @@ class LaneEngine:
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters (m, k) of all members, or the prepared numbers of the parameters that all share."""
+        """Return the parameters (m, k) of all members, or the prepared numbers of parameters that they share."""
         if self.compiled.prepare is None:
             return np.ascontiguousarray(starts.parameters)
         prepared = np.zeros(self.compiled.size + 1)
@@ -334,7 +334,7 @@ class LaneEngine:
 def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
     """Return the engine that runs members in lanes, or None if the model or the method does not allow it.
 
-    With `varying` each member has its own parameters. The machine code is kept for the next ensemble of the model.
+    With `varying` each member has its own parameters. The machine code is cached for the next ensemble of the model.
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
@@ -353,7 +353,7 @@ def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
 
 
 def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:
-    """Return the dense output of a step program if states inside steps are needed, else None."""
+    """Return the dense output of a step program if states inside of steps are needed, else None."""
     outside = alone.times is None and not alone.keep.reductions and not problem.events
     if not isinstance(plan, StepPlan) or outside:
         return None
@@ -361,7 +361,7 @@ def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial
 
 
 def _kind(plan: Plan) -> Any:
-    """Return the key of a plan for compiled code: the order of a series, or the step program."""
+    """Return the key of a plan for cached code: the order of a series, or the step program."""
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 

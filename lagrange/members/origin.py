@@ -21,7 +21,7 @@ from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.plan import Stepped
 
 MEMBER, CHECKSUM, BLOCK, VARIABLE = "member", "checksum", "block", "variable"
-"""Names: the dimension of members; in a store the variable of checksums, and its dimensions, block and variable."""
+"""Names in a store: the dimension of members, the variable of checksums, and its dimensions: block and variable."""
 
 OVER = "÷"
 """Replacement of a slash in the names of a store, where a slash separates folders."""
@@ -59,7 +59,7 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
 
 
 VERSIONS = ("numpy", "llvmlite")
-"""Packages whose versions may affect the last digits."""
+"""Packages whose versions may affect the last digits of results."""
 
 LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
 """Entries of a description whose values are not printed in messages: long texts and checksums."""
@@ -113,7 +113,7 @@ def _event(event: Event) -> list[Any]:
 
 
 def _exactly(expression: Any) -> str:
-    """Return an expression as text with all digits of its numbers, which `str` would round."""
+    """Return an expression as text with all digits of its numbers, unlike `str`."""
     return str(sympy.srepr(expression))
 
 
@@ -125,7 +125,7 @@ def _version(package: str) -> str:
 
 
 def _steps(method: Any) -> str | None:
-    """Return a checksum of the step program of a method: methods of the same name may have other coefficients."""
+    """Return a checksum of the step program of a method: methods with the same name may have different coefficients."""
     if not isinstance(method, Stepped):
         return None
     program, numbers = method.program, dict[int, str]()
@@ -140,7 +140,7 @@ def _steps(method: Any) -> str | None:
 
 
 def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return a list, as text, of the entries in which a stored description differs from the present one, or ""."""
+    """Return a text that lists the entries in which a stored description differs from the present one, or ""."""
     differ = [name for name in wanted if found.get(name) != wanted[name]]
     if not differ:
         return ""

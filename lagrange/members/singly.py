@@ -1,4 +1,4 @@
-"""Members one by one, each as a separate run or flow, and their energies."""
+"""Members that run one by one, each as a separate run or flow, and the energies of members."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States (m, 2n) of members at start and end, with their energies and momenta `first` and `last`, (m, 1 + n)."""
+    """States (m, 2n) of members at start and end, with their energies and momenta, `first` and `last` (m, 1 + n)."""
 
     before: FloatArray
     after: FloatArray
@@ -72,7 +72,7 @@ def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, aft
     scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
     with np.errstate(all="ignore"):
         change = np.where(scale > 0, (last - first) / scale, last - first)
-    # The sign of a NaN depends on its place in the array.
+    # The sign of a NaN depends on its position in the array.
     return np.asarray(np.where(np.isnan(change), np.nan, change))
 
 
@@ -115,7 +115,7 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunEngine:
-    """Runs members one by one over a span with the same options; `times` (K,) are output times or None."""
+    """Runs members one by one over a span with the same options. `times` (K,) are output times or None."""
 
     model: Model
     span: tuple[float, float]
@@ -135,7 +135,7 @@ class RunEngine:
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members one by one. A start that a run refuses gives a member without steps, and its message."""
+        """Run members one by one. A start that a run refuses gives a member without steps, with the message."""
         found = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
             if stopped():
@@ -181,9 +181,9 @@ class RunEngine:
 
     @property
     def recorded(self) -> FloatArray | None:
-        """The output times of a single run, or None to keep all steps.
+        """The output times of a single run, or None to store all steps.
 
-        All steps are kept for reductions, and for the last state or the drift without output times.
+        All steps are stored for reductions, and for the last state or the drift without output times.
         """
         keep = self.keep
         if keep.reductions or (self.times is None and (keep.end or keep.drift)):
@@ -230,7 +230,7 @@ class RunEngine:
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members by the flow of a model; `alone` repeats those that do not reach the end, for their message."""
+    """Runs members by the flow of a model. `alone` repeats those that do not reach the end, for their message."""
 
     alone: RunEngine
     flow: Flow
@@ -262,7 +262,7 @@ class FlowEngine:
         return alone.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:
-        """Return the last state of a member, NaN if it does not get to the end."""
+        """Return the last state (2n,) of a member, NaN if it does not reach the end."""
         try:
             return self.flow(start.states[0], *self.alone.span, start.parameters[0])
         except LagrangeError:
@@ -270,9 +270,9 @@ class FlowEngine:
 
 
 def flow_engine(alone: RunEngine) -> FlowEngine | None:
-    """Return the engine that runs members by a flow, or None if more than the last states is kept.
+    """Return the engine that runs members by a flow, or None if more than the last states is stored.
 
-    A flow has no events, which may end a run, or set its state and parameters.
+    A flow has no events, which may end a run, or change its state and parameters.
     """
     if alone.options.events is not None or {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
         return None

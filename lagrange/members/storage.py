@@ -1,4 +1,4 @@
-"""Storage of the results of an ensemble in memory; for a store on disk see `lagrange.members.store`."""
+"""Storage of the results of an ensemble in memory. `lagrange.members.store` stores them on disk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Report = Callable[[float], None] | None
 
 
 class ResultStorage(ABC):
-    """Storage of results. `left` are the bounds of blocks of members still to be run, `ran` is the number of runs."""
+    """Storage of results. `left` are the bounds of blocks of members to be run; `ran` is the number of runs."""
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
         self.job, self.left = job, left
@@ -31,7 +31,7 @@ class ResultStorage(ABC):
 
     @abstractmethod
     def take(self, first: int, done: ChunkResult) -> None:
-        """Keep the results of a chunk; `first` is the number of its first member."""
+        """Store the results of a chunk. `first` is the number of its first member."""
 
     @abstractmethod
     def close(self) -> None:
@@ -39,12 +39,12 @@ class ResultStorage(ABC):
 
     @property
     def members_left(self) -> int:
-        """The number of members still to be run."""
+        """Number of members that are still to be run."""
         return sum(end - begin for begin, end in self.left)
 
     @property
     def form(self) -> str:
-        """The ways in which members were run, with a note if their last digits may differ from this machine."""
+        """How members were run, with a note if their last digits may differ from those of this machine."""
         said = ["; ".join(self.forms) or "all members were stored"]
         machine = self.job.problem.model.machine
         if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
@@ -54,7 +54,7 @@ class ResultStorage(ABC):
         return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, ChunkResult], None]:
-        """Return a callback that keeps the results of a chunk and reports the number of finished members.
+        """Return a callback that stores the results of a chunk and reports the number of finished members.
 
         `before` is the number of members that were finished before this call.
         """
@@ -84,7 +84,7 @@ class ArrayStorage(ResultStorage):
         return self._results
 
     def close(self) -> None:
-        """Arrays are not closed."""
+        """Do nothing: arrays need no closing."""
 
     def take(self, first: int, done: ChunkResult) -> None:
         """Copy the results of a chunk into the arrays, from row `first` on."""
@@ -92,7 +92,7 @@ class ArrayStorage(ResultStorage):
 
 
 def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:
-    """Return the storage of results in memory. Raises StatementError if they need more than a quarter of it."""
+    """Return the storage of results in memory. Raises StatementError if they need more than a quarter of the memory."""
     members, columns = len(table), job.columns
     taken, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if taken > limit:

@@ -31,18 +31,18 @@ if sys.platform != "win32":
     import fcntl
 
 LOCK = ".lock"
-"""Name of the lock file, which names the writing process. It is removed at the end; a stale one does no harm."""
+"""Name of the lock file, which contains the writing process. It is removed at the end; a stale one has no effect."""
 
 _HELD: set[str] = set()
 _CHANGING = threading.Lock()
-"""Stores that this process writes to. System locks exclude other processes, but not other threads."""
+"""Stores to which this process writes. System locks exclude other processes, but not other threads."""
 
 
 class StoreLock:
     """The exclusive right to write to a store until `close`. Raises RunError if another call has it.
 
-    The lock is one of `lockf`, so forked workers do not keep it after their parent process was killed. No lock is
-    taken if its file cannot be made, as in a read-only store, or if the system has no locks.
+    The lock is one of `lockf`, so forked workers do not keep it after their parent process was killed. No lock is taken
+    if its file cannot be made, as in a read-only store, or if the system has no locks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,7 +54,7 @@ class StoreLock:
             _HELD.add(self._key)
 
     def close(self) -> None:
-        """Release the lock, so that other calls may write."""
+        """Release the lock, so that other calls can write."""
         with _CHANGING:
             _HELD.discard(self._key)
             if self._descriptor >= 0:
@@ -87,7 +87,7 @@ def _locked(store: Path, path: Path) -> int:
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
-        os.close(descriptor)  # the former owner of the lock removed the file in between
+        os.close(descriptor)  # The former owner of the lock has removed the file in between.
 
 
 def _taken(store: Path, owner: str) -> RunError:
@@ -106,7 +106,7 @@ DAMAGE = (
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Translate errors of reading a store into RunError for a damaged store."""
+    """Context that translates errors of reading a store into RunError for a damaged store."""
     try:
         yield
     except DAMAGE as error:
@@ -126,7 +126,7 @@ def _reason(error: Exception) -> str:
 
 
 def checksum(rows: Any) -> int:
-    """Return 64 bits of a digest of rows with their type and shape. It is never 0, which marks unwritten rows."""
+    """Return 64 bits of a digest of rows with their type and shape. It is never 0, the mark of unwritten rows."""
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
     return int.from_bytes(digest.digest(), "little") or 1
@@ -140,11 +140,11 @@ class StoreBlocks:
         self.count, self._members = -(-members // size), members
 
     def bounds(self, k: int) -> tuple[int, int]:
-        """Return the first member of a block, and the one after its last."""
+        """Return the number of the first member of block k, and of the one after its last."""
         return k * self.size, min((k + 1) * self.size, self._members)
 
     def left(self) -> list[tuple[int, int]]:
-        """Return the bounds of blocks that are not written; damaged blocks are marked as not written, too."""
+        """Return the bounds of blocks that are not written. Damaged blocks are marked as not written, too."""
         unwritten = []
         for k in range(self.count):
             try:
@@ -214,7 +214,7 @@ def folder_of(store: Any) -> Path:
 
 
 def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store if `path` does not exist. Raises StatementError if it holds anything but this ensemble."""
+    """Make a store if `path` does not exist. Raises StatementError if it contains anything but this ensemble."""
     zarr = _zarr()
     if not os.path.lexists(path):
         _make(zarr, path, job, table, made_of)
@@ -251,7 +251,7 @@ def _zarr() -> Any:
 
 
 def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
-    """Raise StatementError for a folder that holds anything but this ensemble."""
+    """Raise StatementError for a folder that contains anything but this ensemble."""
     try:
         stored = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:
@@ -270,11 +270,11 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
 
 
 def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store without results; it is written to a temporary folder, which is renamed when it is complete."""
+    """Make a store without results. It is written to a temporary folder, which is renamed when it is complete."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    except (OSError, ValueError) as error:  # a name that no file system takes is a ValueError
+    except (OSError, ValueError) as error:  # A name that no file system accepts raises ValueError.
         raise _not_made(path, error) from error
     try:
         for name, content in _files(zarr, job, table, made_of).items():
@@ -284,7 +284,7 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST) and path.is_dir():
-            return  # another call made the store meanwhile
+            return  # Another call has made the store in the meantime.
         if isinstance(error, OSError):
             raise _not_made(path, error) from error
         raise
@@ -293,7 +293,7 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
 def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
     """Return the contents of the files of a store without results, by path.
 
-    They are made in memory, since zarr writes files by several threads, some of which continue after a failure.
+    They are made in memory, since zarr writes files with several threads, some of which continue after a failure.
     """
     members, block = len(table), made_of["block"]
     attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
@@ -345,7 +345,7 @@ def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunEr
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Translate errors of the disk into RunError with the remedy for the ensemble."""
+    """Context that translates disk errors into RunError with the remedy for the ensemble."""
     try:
         yield
     except OSError as error:
@@ -370,14 +370,14 @@ def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Re
 
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
-"""Bytes of a block, about 8 MB, and its largest number of members: a thousand files for a billion numbers."""
+"""Size of a block in bytes, about 8 MB, and its largest number of members: a thousand files for a billion numbers."""
 
 MOST_BLOCKS = 10**6
-"""Largest number of blocks of a store, 8 TB of results: each block has a file for every variable."""
+"""Largest number of blocks of a store (8 TB of results), because each block has a file for every variable."""
 
 
 class ZarrStorage(ResultStorage):
-    """Results kept in a store on disk; incomplete blocks are kept in memory."""
+    """Results in a store on disk. Incomplete blocks are kept in memory."""
 
     def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
         with reading(blocks.path), writing(blocks.path):
@@ -391,11 +391,11 @@ class ZarrStorage(ResultStorage):
 
     @property
     def results(self) -> StoredResults:
-        """The results, which are read from disk at each access."""
+        """The results, read from disk at each access."""
         return StoredResults(self._blocks, self.job)
 
     def take(self, first: int, done: ChunkResult) -> None:
-        """Keep the results of the members from number `first` on, all in one block; write the block once complete."""
+        """Store the results of the members from number `first` on, all in one block. A complete block is written."""
         k = first // self._blocks.size
         begin, end = self._blocks.bounds(k)
         if k not in self._open:
@@ -416,7 +416,7 @@ class ZarrStorage(ResultStorage):
 
 
 class StoredResults:
-    """The results in a store. Each access reads a whole column; unwritten blocks are blank.
+    """The results in a store. Each access reads a whole column. Unwritten blocks are blank.
 
     A call that was stopped within a block may have written a part of it.
     """
@@ -444,10 +444,11 @@ class StoredResults:
 
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
-    """Return the storage of results in a folder. The store is made, or continued if it exists.
+    """Return the storage of results in a folder.
 
-    Raises StatementError for a folder with other contents, for too many results, and without zarr. Raises RunError for
-    a full disk, for a damaged store, and for a store that another call writes to.
+    The store is made, or continued if it exists. Raises StatementError for a folder with other contents, for too many
+    results, and without zarr. Raises RunError for a full disk, for a damaged store, and for a store to which another
+    call writes.
     """
     path = folder_of(store)
     one = sum(column.bytes for column in job.columns)

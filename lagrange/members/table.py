@@ -34,7 +34,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class MemberTable:
     """Members by their common state (2n,) and parameters (k,), and by the entries that vary.
 
-    `rows` maps rows of the state, `rates` rates of rotations, and `columns` indices of parameters, to the keys of
+    `rows`, `rates` and `columns` map rows of the state, rates of rotations and indices of parameters to the keys of
     `varied` that replace them.
     """
 
@@ -51,7 +51,7 @@ class MemberTable:
 
     @property
     def varying(self) -> bool:
-        """True if parameters vary."""
+        """True if parameters vary between members."""
         return bool(self.columns)
 
     @cached_property
@@ -104,7 +104,7 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
 
 
 def _check_moments(model: Model, parameters: FloatArray) -> None:
-    """Raise StatementError for members (m, k) whose moments of inertia break the triangle inequality."""
+    """Raise StatementError for members (m, k) whose moments of inertia violate the triangle inequality."""
     statement, equations = model.statement, model.equations
     point = dict(zip(equations.parameters, parameters.T, strict=True))
     for name in statement.rotations:
@@ -115,7 +115,7 @@ def _check_moments(model: Model, parameters: FloatArray) -> None:
 
 
 MOST_CHECKED = 100_000
-"""Largest number of members whose rotations are checked: their starts and moments of inertia."""
+"""Largest number of members whose rotations are checked: their initial states and moments of inertia."""
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
@@ -153,7 +153,7 @@ def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> No
 
 
 def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
-    """Raise StatementError for a key that both varies and has a common value."""
+    """Raise StatementError for a key that has both varying values and a common value."""
     labels = {label_of(key) for key in varied.keys}
     for given in plain.values():
         twice = next((label_of(key) for key in given if label_of(key) in labels), None)
@@ -162,7 +162,7 @@ def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
 
 
 def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the common numbers by key, and the varying values."""
+    """Return the common numbers by key, and the varying values, of the argument named `what`."""
     if given is None:
         return {}, []
     if isinstance(given, Varied):
@@ -184,7 +184,7 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
 def _varies(given: Any) -> bool:
     """Return True if a value has an entry for each member: a list, an array, or a pandas Series.
 
-    Numbers of NumPy and SymPy and arrays without dimensions do not.
+    Numbers of NumPy and SymPy, and arrays without dimensions, have none.
     """
     if isinstance(given, (list, tuple, range)):
         return True

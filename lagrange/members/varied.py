@@ -22,12 +22,12 @@ MemberNumbers = NDArray[np.int64]
 
 
 MOST_MEMBERS = 10**12
-"""Largest number of members of a grid: at 1 us each they take eleven days, with 10 TB of results."""
+"""Largest number of members of a grid. At 1 us each they take eleven days, with 10 TB of results."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Varied(ABC):
-    """Values of coordinates, velocities and parameters by member; in a grid the last axis varies fastest.
+    """Values of coordinates, velocities and parameters by member. In a grid the last axis varies fastest.
 
     `given` are the stated values by key. `drawn` describes the sampling of random values.
     """
@@ -38,7 +38,7 @@ class Varied(ABC):
     @property
     @abstractmethod
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The independent axes by name: of a grid with their values, else one axis with the numbers of the members."""
+        """The independent axes by name: those of a grid with their values, else one axis of member numbers."""
 
     @abstractmethod
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
@@ -56,7 +56,7 @@ class Varied(ABC):
         return self.values(by_label[label], np.arange(len(self)))
 
     def lowest(self, key: Any) -> float:
-        """Return the least value of a key."""
+        """Return the smallest value of a key."""
         return float(self.given[key].min())
 
     @property
@@ -73,7 +73,7 @@ class Varied(ABC):
 
 
 class Arrays(Varied):
-    """Arrays of one length, a value for each member."""
+    """Arrays of equal length, with a value for each member."""
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
@@ -86,7 +86,7 @@ class Arrays(Varied):
 
 
 class Grid(Varied):
-    """Every combination of the values of some axes, made by `grid`."""
+    """Every combination of the values of several axes, made by `grid`."""
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
@@ -115,7 +115,7 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
 
 
 def _axis(label: str, given: Any) -> FloatArray:
-    """Return the values of an axis."""
+    """Return the values of an axis as an array."""
     if isinstance(given, tuple):
         if len(given) != 3:
             raise StatementError(
@@ -153,7 +153,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     "latin" for a Latin hypercube, or "random" for independent values. Source: `scipy.stats.qmc`. Raises StatementError
     for a range without values.
     """
-    from scipy.stats import qmc  # its import takes as long as all others of a run
+    from scipy.stats import qmc  # Importing it takes as long as all other imports of a run.
 
     start = whole_number(seed, "seed", 0)
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")

@@ -1,4 +1,4 @@
-"""Members in chunks: handed out, run on threads or by an executor, and taken back."""
+"""Members in chunks: submitted, run on threads or by an executor, and collected."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lagrange.members.job import ChunkResult, Job, run_chunk, timed
 from lagrange.statement.number import whole_number
 
 MOST_WORKERS = 1024
-"""Largest accepted number of threads; no machine has more processors."""
+"""Largest accepted number of threads. No machine has more processors."""
 
 
 def processors() -> int:
@@ -33,21 +33,22 @@ def threads_of(workers: Any) -> int:
 
 
 CHUNKS_PER_WORKER = 2
-"""Number of chunks submitted per worker of an executor: one runs, and the next one waits for the worker."""
+"""Number of chunks submitted for each worker of an executor: one runs, and the next one waits."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Duration of a chunk in seconds: on threads, where people see no delay, and by an executor. An executor needs some
-milliseconds of this process per chunk: with 0.1 s two workers of Dask take 1.07 times as long."""
+"""Duration of a chunk in seconds, on threads and by an executor. On threads 0.1 s is not noticed as a delay. An
+executor needs some milliseconds of this process for each chunk: with 0.1 s two workers of Dask take 1.07 times as long.
+"""
 
 
 class Runner(Protocol):
-    """Runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
+    """Protocol of an object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
 
     chunk_seconds: float
 
     @property
     def places(self) -> int:
-        """The largest number of chunks that are submitted and not finished."""
+        """Largest number of chunks that are submitted and not finished."""
 
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk, whose result is a `ChunkResult`."""
@@ -60,7 +61,7 @@ class Runner(Protocol):
 
 
 class ThreadRunner:
-    """Runs chunks on threads with one engine; its machine code releases the lock of the interpreter."""
+    """Runs chunks on threads with one engine, whose machine code releases the interpreter lock."""
 
     chunk_seconds = AT_ONCE
 
@@ -79,7 +80,7 @@ class ThreadRunner:
         return self._pool.submit(timed, self._engine, starts, self._stopping.is_set)
 
     def stop(self) -> None:
-        """Begin no more members."""
+        """Prevent that further members begin."""
         self._stopping.set()
 
     def close(self) -> None:
@@ -88,7 +89,7 @@ class ThreadRunner:
 
 
 class ExecutorRunner:
-    """Runs chunks by an executor of the user, which stays open."""
+    """Runs chunks by an executor of the user, which is not closed."""
 
     chunk_seconds = SENT
 
@@ -126,7 +127,7 @@ def workers_of(executor: Any) -> int:
 
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
-"""Number of members in the first chunks, one vector, before their duration is known; largest number in a chunk."""
+"""Number of members in the first chunks (one vector), before their duration is known; largest number in a chunk."""
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 
@@ -136,13 +137,16 @@ Take = Callable[[int, ChunkResult], None]
 
 @dataclass
 class ChunkSize:
-    """The size of the next chunk in members, so that it takes `fitting` seconds, from the times of former chunks."""
+    """The size of the next chunk in members, from the times of former chunks, so that it takes `fitting` seconds."""
 
     size: int
     fitting: float
 
     def note(self, members: int, seconds: float, side_by_side: int) -> None:
-        """Adapt the size to the seconds of a chunk; it is at least `side_by_side`, so that all lanes are filled."""
+        """Adapt the size to the seconds that a chunk took.
+
+        It is at least `side_by_side`, so that all lanes are used.
+        """
         fitting = int(members * self.fitting / max(seconds, 1e-9))
         self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
@@ -150,8 +154,8 @@ class ChunkSize:
 def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run the members of blocks (first, end), end excluded, in order.
 
-    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an
-    error or Ctrl-C submitted chunks are awaited and their results taken, too.
+    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an error
+    or Ctrl-C, submitted chunks are awaited and their results are taken, too.
     """
     chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
     chunks = _chunks(blocks, chunk_size)
@@ -178,7 +182,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         runner.stop()
         for future in under_way.values():
             future.cancel()
-        with suppress(RunError):  # a disk that failed fails again
+        with suppress(RunError):  # A disk that has failed fails again.
             _take_finished(under_way, take)
         raise
     finally:
@@ -231,7 +235,7 @@ def _working() -> Iterator[None]:
 def _take_finished(under_way: dict[int, Any], take: Take) -> None:
     """Wait for submitted chunks and take their results, except those that were cancelled or failed.
 
-    This reads the futures, not the queue: Ctrl-C may have come just after an entry was removed from the queue.
+    This reads the futures, not the queue: Ctrl-C may have interrupted the removal of an entry from the queue.
     """
     for first, future in under_way.items():
         if not future.cancelled() and future.exception() is None:

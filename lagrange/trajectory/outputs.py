@@ -29,7 +29,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class Part(NamedTuple):
-    """Rows written by one call of the driver: accepted times (k,) and states (k, 2n), and the number of the call."""
+    """Rows written by one call of the driver: accepted times (k,), states (k, 2n), and the number of the call."""
 
     times: FloatArray
     states: FloatArray
@@ -39,10 +39,10 @@ class Part(NamedTuple):
 class AcceptedStates:
     """The accepted states so far, in the parts that the driver wrote.
 
-    If `outputs_alone`, all but the last may be dropped when memory is used up; `dropped` says that they were, and
-    `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
-    `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
-    `approach` measures how close constraints come to dependence. `switches` ends steps at switches of time.
+    If `outputs_alone`, all but the last may be dropped when memory is used up; `dropped` is then True, and `removed` is
+    the number of dropped parts. `followed` evaluates output times during the run, or is None. `discontinuities` tests
+    constraints that may jump; `passed` is the first discontinuity, which ends the run. `approach` measures how close
+    constraints come to dependence. `switches` ends steps at switches of time.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -68,13 +68,13 @@ class AcceptedStates:
         self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
-        """Keep the rows that call number `call` of the driver wrote. A second call for the same number does nothing.
+        """Store the rows that call number `call` of the driver wrote.
 
-        Ctrl-C may cause that second call.
+        A second call for the same number does nothing. Ctrl-C may cause that second call.
         """
         written = state.count(DriverState.ROWS)
         if written and self.parts[-1].call < call:
-            # A view of a few rows would hold the memory of all.
+            # A view of a few rows would keep the memory of all rows.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
@@ -86,7 +86,7 @@ class AcceptedStates:
             self.followed.follow(self.parts, self.removed, last=last)
 
     def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
-        """Test the states of this run, over a span of time, if the model has constraints."""
+        """Test the states of this run, over a time `span`, for discontinuities if the model has constraints."""
         if len(model.equations.constraints):
             self.discontinuities = Discontinuities.of(model, parameters, span)
             self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
@@ -103,9 +103,9 @@ class AcceptedStates:
         return self.discontinuities.on(times, np.concatenate([before.states[-1:], *(part.states for part in new)]))
 
     def make_room(self, limit: float) -> int:
-        """Evaluate the outputs on new steps, and return the number of states for which memory is left.
+        """Evaluate the outputs on new steps. Return the number of states for which memory is left.
 
-        `limit` is in bytes. Stored states are dropped if none is left and that is allowed.
+        `limit` is in bytes. If none is left, stored states are dropped if that is allowed.
         """
         if self.followed is not None:
             self.follow()
@@ -116,7 +116,7 @@ class AcceptedStates:
         return room
 
     def drop(self) -> None:
-        """Drop all states but the last, and keep the largest sizes of the entries."""
+        """Drop all states but the last, and store the largest sizes of the entries."""
         self._sizes = self._largest()
         last = self.parts[-1]
         kept = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
@@ -124,7 +124,10 @@ class AcceptedStates:
         self.parts, self.bytes = [kept], 0
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
-        """Return the times (S+1,) and states (S+1, 2n), or if states were dropped, start, largest sizes and end."""
+        """Return the times (S+1,) and states (S+1, 2n).
+
+        If states were dropped, they are start, largest sizes and end.
+        """
         if self.removed:
             times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
             states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
@@ -137,9 +140,9 @@ class AcceptedStates:
 
 
 class FollowedSteps:
-    """Evaluates the states at output times during a run by a step program, each by the dense output of its step.
+    """Evaluates the states at output times during a run by a step program, by the dense output of each step.
 
-    The last two states of a smooth piece are kept until the next call, since a dense output may use the step before.
+    The last two states of a smooth piece are kept until the next call, since a dense output may use the previous step.
     `breaks` are the resets that the watcher of events recorded, or None. `_known` is replaced by one assignment, so
     Ctrl-C leaves it consistent.
     """
@@ -152,15 +155,20 @@ class FollowedSteps:
         self._y = np.empty((len(problem.y0), len(wanted)))
         self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
-        """Times and states of the kept rows, number of the first row, number of passed breaks, and of read parts."""
+        """Times and states of the kept rows, number of the first row, number of passed breaks, and number of read
+        parts.
+        """
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
-        """Return the states (2n, count) at the first output times; times not yet evaluated have the state `last`."""
+        """Return the states (2n, count) at the first output times.
+
+        For times not yet evaluated it is the state `last`.
+        """
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
 
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
-        """Evaluate the outputs on the new ones of `parts`; `removed` is the number of dropped parts before them."""
+        """Evaluate the outputs on the new parts. `removed` is the number of dropped parts before them."""
         times, states, first, ended, seen = self._known
         new = parts[seen - removed :]
         times = np.concatenate([times, *(part.times for part in new)])
@@ -182,12 +190,15 @@ class FollowedSteps:
         self._known = *known, first + len(times) - keep, ended + len(here), removed + len(parts)
 
     def _wanted_of(self, ends: FloatArray) -> list[int]:
-        """Return the numbers of the smooth pieces that contain output times; `ends` are their last times."""
+        """Return the numbers of the smooth pieces that contain output times.
+
+        `ends` are the last times of the pieces.
+        """
         until = np.searchsorted(self._rising, self._forward * ends)
         return np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist()
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate the outputs on the present smooth piece, and return the number of its states to keep."""
+        """Evaluate the outputs on the present smooth piece. Return the number of its states that must be kept."""
         if last or len(times) < 3:
             return min(1, len(times)) if last else len(times)
         self._write(times, states, float(times[-1]))

@@ -1,4 +1,4 @@
-"""The pace of a run: limits of compilation time and memory, slow runs, and causes such as a sticking body."""
+"""The pace of a run: limits of compilation time and memory, slow runs, and causes such as sticking."""
 
 from __future__ import annotations
 
@@ -29,14 +29,15 @@ LAST_ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
 UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
-"""Number of last accepted states that are tested if an implicit step did not converge, and the time within which their
-rates lead to the surface, relative to the time from the first to the last."""
+"""If an implicit step did not converge: number of last accepted states that are tested; and the time within which their
+rates must lead to the surface, relative to the time between these states.
+"""
 
 
 def stuck(
     problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = LAST_ROWS
 ) -> EventResult | None:
-    """Return the end of a run at t if its last accepted states stick to a surface, else None.
+    """Return the end of a run at time t if its last accepted states stick to a surface, else None.
 
     `covered` is the duration of the run since the last test, and `rows` the largest number of states.
     """
@@ -54,10 +55,10 @@ def stuck(
 def _led_back(
     problem: Problem, nodes: tuple[Node, ...], last: tuple[FloatArray, FloatArray], covered: float
 ) -> int | None:
-    """Return the first surface near all states to which the motion leads back from both sides, or None.
+    """Return the first surface near all states to which the motion returns from both sides, or None.
 
     A state on the other side is its mirror image at the surface. A state is near if its rate leads to the surface
-    within the time that was `covered` since the last test.
+    within the time `covered` since the last test.
     """
     times, states = last
     equations, count = problem.model.equations, len(nodes)
@@ -79,7 +80,7 @@ def _led_back(
 def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
     """Return True if the motion on both sides leads to the surface within a time.
 
-    `here` and `beyond` are values and rates (2, k) on the two sides; the time is negative for a run backwards.
+    `here` and `beyond` are values and rates (2, k) on the two sides. The time is negative for a run backwards.
     """
     (g, rise), (other, rise_there) = here, beyond
     near = (np.abs(g) <= np.abs(rise * time)) & (g * other < 0)
@@ -89,25 +90,30 @@ def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
 
 
 FIRST_LOOK = 4096
-"""Number of tried steps before the first test; it doubles for each next test. Most runs end before the first."""
+"""Number of trial steps before the first test; it doubles for each further test. Most runs end before the first test.
+"""
 
 SLOW = 16.0
 """A run is slow if it would still need this many times its steps so far. Then its floors are compared with rounding
-noise. The noise takes 1 to 20 ms, and 4,096 steps of a small system 2 ms."""
+noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 2 ms.
+"""
 
 
 class Pace:
-    """Tests the pace of a run between calls of its driver; `next_look` is the number of tries at the next test."""
+    """Tests the pace of a run between calls of its driver.
+
+    `next_look` is the number of trial steps at the next test.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.next_look = FIRST_LOOK
         self._problem, self._tries, self._t = problem, 0, problem.t0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
-        """Raise the floors of a slow run, and return its end if it sticks, else the result of its last steps.
+        """Raise the floors of a slow run. Return its end if it sticks, else the result of its last steps.
 
-        A run may stick if it would use up its steps at the rate since the last look, if its steps vanish, or if an
-        implicit step of any length did not converge. `parts` are its accepted states.
+        A run may stick in three cases: it would use up its steps at the rate since the last test; its steps become too
+        small; an implicit step of any length did not converge. `parts` are its accepted states.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
@@ -130,7 +136,7 @@ class Pace:
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
     """Return the entry that limits the step if its tolerance is far below those of its kind, with the largest of these.
 
-    The entry has the largest error of one step of DOPRI5, relative to its tolerance.
+    Returns None otherwise. The entry has the largest error of one step of DOPRI5, relative to its tolerance.
     """
     y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)
@@ -146,24 +152,23 @@ def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | No
 
 
 MEMORY_DIVISOR = 4
-"""The default memory limit of a run is the memory of the machine divided by this.
-
-At the end the states are joined to one array, and derived quantities, such as the energy, need as much again.
+"""The default memory limit of a run is the memory of the machine divided by this. At the end the states are joined to
+one array, and derived quantities, such as the energy, need as much memory again.
 """
 
 ASSUMED_MEMORY = 8 * 2**30
-"""Bytes of memory that are assumed if the machine does not report it."""
+"""Number of bytes of memory that are assumed if the machine does not report it."""
 
 
 def memory_limit(problem: Problem) -> float:
-    """Return the number of bytes that the run may keep."""
+    """Return the number of bytes that the run may store."""
     return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
 
 
 @cache
 def machine_memory() -> int:
     """Return the memory of this machine in bytes."""
-    names = getattr(os, "sysconf_names", {})  # Windows has none
+    names = getattr(os, "sysconf_names", {})  # not available on Windows
     if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= names.keys():
         return ASSUMED_MEMORY
     pages = os.sysconf("SC_PHYS_PAGES")
@@ -171,7 +176,7 @@ def machine_memory() -> int:
 
 
 def compiled_late(problem: Problem) -> str:
-    """Return a sentence with the remedy if compilation has exceeded the time limit of the run, else ""."""
+    """Return a sentence with the remedy if compilation exceeded the time limit of the run, else ""."""
     taken = time.perf_counter() - problem.began
     if problem.max_wall is None or taken <= max(problem.max_wall, COMPILE_SECONDS):
         return ""

@@ -36,7 +36,7 @@ def rest_of(
 ) -> Problem:
     """Return the rest of a problem from the time `begin` and the state `y` (2n,) on.
 
-    The steps, wall time and events of the `parts` so far are subtracted from its limits. An output time that is
+    The steps, wall time and events of the `parts` so far are subtracted from its limits. An output time equal to
     `begin` is kept only if `output_at_begin`.
     """
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
@@ -64,7 +64,7 @@ def rest_of(
 def _counted(event: Event, count: int) -> Event:
     """Return an event whose `terminal` count is reduced by the number of its occurrences so far.
 
-    The event itself is returned if its count stays: methods prepare an event object once.
+    If the count does not change, the event itself is returned, because methods prepare an event object once.
     """
     limit = max(event.terminal - count, min(event.terminal, 1))
     return event if limit == event.terminal else replace(event, terminal=limit)
@@ -75,7 +75,7 @@ def joined(
 ) -> Trajectory:
     """Return the parts of a run joined to one run, with a note after its message.
 
-    Without output times the last state of a part and the first of the next may have the same time. The second is
+    Without output times, the last state of a part and the first state of the next may have the same time. The second is
     dropped, unless `both_at_joints`.
     """
     first, last = parts[0], parts[-1]
@@ -117,12 +117,12 @@ class _AfterEvent:
 
 
 def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
-    """Return the run of a problem whose events set parameters; `run` runs a problem with constant parameters.
+    """Return the run of a problem whose events set parameters. `run` runs a problem with constant parameters.
 
     An event that sets parameters ends a segment. All resets at its time are computed from the state and the parameters
     before it.
     """
-    # Each segment has the same event objects, so methods prepare them once.
+    # Each segment has the same event objects, so that methods prepare them once.
     ending = tuple(_ending(event, problem) if event.settings else event for event in problem.events)
     segment, counter, acting = replace(problem, events=ending), ChangeCounter(), list[int]()
     parts, begins, values, added, tries = list[Trajectory](), [problem.t0], [problem.parameter_array], [0.0], 0
@@ -166,7 +166,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
 def _ending(event: Event, problem: Problem) -> Event:
     """Return an event that sets parameters as a terminal event, which ends a segment.
 
-    Its reset marks it as a contact. With constraints the reset is left out: the state after it must satisfy them with
+    Its reset marks it as a contact. With constraints the reset is omitted: the state after it must satisfy them with
     the new parameters.
     """
     reset = {} if problem.model.equations.constraints else event.reset
@@ -174,7 +174,7 @@ def _ending(event: Event, problem: Problem) -> Event:
 
 
 def _acting(problem: Problem, part: Trajectory) -> list[int]:
-    """Return the indices of the events with resets or settings that occurred at the end of a segment."""
+    """Return the indices of the events with resets or parameter settings that occurred at the end of a segment."""
     if part.status not in (Status.EVENT, Status.SUCCESS):
         return []
     end = part.span[1]
@@ -183,13 +183,13 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
 
 
 def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
-    """Return True if the end of a segment is the zero at its beginning, found again because of rounding."""
+    """Return True if the end of a segment is the zero at its start, found again because of rounding."""
     moved = any(problem.events[i].reset for i in met)
     return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
 
 
 def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
-    """Return the status if the run ends with these segments, or None if it goes on."""
+    """Return the status if the run ends with these segments, or None if it continues."""
     for i, event in enumerate(problem.events):
         if event.terminal and sum(len(part.t_events[i]) for part in parts) >= event.terminal:
             return Status.EVENT
@@ -197,7 +197,10 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
 
 
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _AfterEvent:
-    """Return the state and the parameters after the events `acting` at time t; `before` (2n,) is the state there."""
+    """Return the state and the parameters after the events `acting` at time t.
+
+    `before` (2n,) is the state before them.
+    """
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
     effects = impacts(model, resets)
     for impact in effects:
@@ -235,9 +238,9 @@ def _name(problem: Problem, i: int) -> str:
 
 
 def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
-    """Return a segment that keeps, at the event that ends it, one state only: the state before the event.
+    """Return a segment with one state only at the event that ends it: the state before the event.
 
-    With output times it keeps none.
+    With output times there is no state at the event.
     """
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
@@ -266,7 +269,7 @@ def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, 
 
 
 def resting_part(segment: Problem, part: Trajectory) -> Trajectory:
-    """Return a part after the segment `part` in which nothing moves, from the state where it begins to its end."""
+    """Return a part in which nothing moves, from the end of the part `part` to the end of `segment`."""
     t, (begin, end), y = segment.t_eval, (part.span[1], segment.t1), segment.y0
     t = np.array([begin, end]) if t is None else t
     return replace(

@@ -1,4 +1,4 @@
-"""Plans: a method prepared for a model, with its driver, and their reuse in later runs of the model."""
+"""Plans: a method prepared for a model, with its driver. Later runs of the model use them again."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PathFunction = Callable[[FloatArray], FloatArray]
 
 
 class WatchMemory(Protocol):
-    """Memory of a watcher that the next run by its driver reuses."""
+    """Memory of a watcher, which the next run by its driver can use again."""
 
     @property
     def nbytes(self) -> int:
@@ -37,11 +37,11 @@ class WatchMemory(Protocol):
 
 
 class Watcher(Protocol):
-    """Finds events along a run, and handles them."""
+    """Protocol of an object that finds events along a run, and handles them."""
 
     @property
     def driver(self) -> Driver:
-        """The driver that advances the run; it returns where an event is to be handled."""
+        """The driver that advances the run. It returns when an event must be handled."""
 
     @property
     def memory(self) -> WatchMemory:
@@ -60,26 +60,26 @@ class Watcher(Protocol):
         """The states at each event, (k, 2n)."""
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin at the start of a run."""
+        """Start at the beginning of a run, and return the result."""
 
     def process(self, state: DriverState) -> EventResult:
-        """Handle the event at which the driver returned."""
+        """Handle the event at which the driver returned, and return the result."""
 
     def end(self, state: DriverState) -> EventResult:
-        """Handle the events at the end of the run."""
+        """Handle the events at the end of the run, and return the result."""
 
     def is_due(self, state: DriverState) -> bool:
-        """Return True if an event has to be handled at the state although the driver found no step from there."""
+        """Return True if an event must be handled at the state although no step from there is possible."""
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Continue past a point from which the driver finds no step; return the result, or None if that is impossible.
+        """Continue past a point from which no step is possible. Return the result, or None if that is impossible.
 
-        A result says that the state has jumped over the point, or why the run ends.
+        The result says that the state has jumped over the point, or why the run ends.
         """
 
 
 class Plan(Protocol):
-    """A method prepared for a model."""
+    """Protocol of a method that is prepared for a model."""
 
     @property
     def tolerances(self) -> Tolerances:
@@ -87,7 +87,7 @@ class Plan(Protocol):
 
     @property
     def form(self) -> str:
-        """The way in which a step is computed, for the status card; "" if there is no choice."""
+        """How a step is computed, for the status card; "" if there is no choice."""
 
     @property
     def watched(self) -> bool:
@@ -107,15 +107,15 @@ class Plan(Protocol):
         """
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
-        """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and the watcher."""
+        """Return the dense output, from the accepted times (S+1,), the states (S+1, 2n), and the watcher."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step, whose entries that are not finite show the cause."""
+        """Return the state (2n,) after the failed step. Its entries that are not finite show the cause."""
 
 
 @runtime_checkable
 class Planned(Protocol):
-    """An integrator whose driver can be prepared once for many runs."""
+    """Protocol of an integrator whose driver can be prepared once for many runs."""
 
     def plan(self, problem: Problem) -> Plan:
         """Return the plan. Raises StatementError for a setting that the method does not use."""
@@ -123,20 +123,20 @@ class Planned(Protocol):
 
 @runtime_checkable
 class Stepped(Protocol):
-    """An integrator whose steps are a program that does not depend on the problem."""
+    """Protocol of an integrator whose step is a program, the same for all problems."""
 
     @property
     def program(self) -> StepProgram:
-        """The step."""
+        """The step as a program."""
 
 
 def locates_events(integrator: Integrator) -> bool:
-    """Return True if a method locates events: its driver does, for a method with a plan, or it claims to."""
+    """Return True if a method locates events: a method with a plan does, another method may claim it."""
     return hasattr(integrator, "plan") or integrator.claims.events
 
 
 def promises(integrator: Integrator) -> Claims:
-    """Return the claims of a method. `events` is set for a method with a plan, whose driver locates them."""
+    """Return the claims of a method. `events` is True for a method with a plan, because its driver locates them."""
     claims = integrator.claims
     return replace(claims, events=locates_events(integrator))
 
@@ -150,7 +150,7 @@ class StepPlan:
     path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
     projected: bool = True
-    """True if steps are projected onto the constraints, False for steps that end on them."""
+    """True if steps are projected onto the constraints; False if they end on them already."""
 
     writes_outputs = False
 
@@ -160,7 +160,7 @@ class StepPlan:
         return False
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
-        """Return the driver of the step around its law."""
+        """Return the driver of the step, for the law of the step."""
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
         held = self.projected and len(model.equations.constraints) > 0
@@ -187,9 +187,9 @@ class StepPlan:
         )
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step, taken again in Python.
+        """Return the state (2n,) after the failed step, which is repeated in Python.
 
-        A step that is implicit, or evaluates another law than a slope, is replaced by one along the slope.
+        A step that is implicit, or evaluates another law than a slope, is replaced by a step along the slope.
         """
         step, parameters = self.step, problem.parameter_array
         kernel, layout = problem.model.kernel("rhs"), problem.model.layout
@@ -223,14 +223,13 @@ def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: D
 
 
 PLANS_KEPT = 8
-"""Largest number of plans that a model keeps; the oldest is dropped."""
+"""Largest number of plans that a model keeps. The oldest is dropped."""
 
 DRIVERS_KEPT = 4
-"""Largest number of idle drivers that a plan keeps, each for different parameters; the oldest is dropped."""
+"""Largest number of idle drivers that a plan keeps, each for different parameters. The oldest is dropped."""
 
 MOST_BYTES = 2**20
-"""Largest memory in bytes of an event watcher with which a driver is kept: enough for some 30 entries of the state.
-
+"""Largest memory, in bytes, of an event watcher with which a driver is kept: enough for some 30 entries of the state.
 Runs of larger systems take so long that making a new driver does not matter.
 """
 
@@ -238,8 +237,8 @@ Runs of larger systems take so long that making a new driver does not matter.
 class IdleDriver(NamedTuple):
     """A driver between two runs, the state that it advanced, and the `reals` of that state at the start of a run.
 
-    `steps` is the number of steps of its last run, for the first call of the next run; 0 if they took too long for
-    one call. `memory` is that of its watcher.
+    `steps` is the number of steps of its last run, for the first call of the next run; 0 if they took too long for one
+    call. `memory` is that of its watcher.
     """
 
     driver: Driver
@@ -253,7 +252,7 @@ class IdleDriver(NamedTuple):
 class PreparedPlan:
     """A plan, the method that made it, and its idle drivers by the bytes of their parameters.
 
-    `span` is the only span of time for which the plan holds, None for any. `steps` is the number of steps of the last
+    `span` is the only time span for which the plan is valid, None for any. `steps` is the number of steps of the last
     run whose driver was not kept, or 0 if they took too long for one call.
     """
 
@@ -264,7 +263,7 @@ class PreparedPlan:
     steps: int = 0
 
     def take(self, problem: Problem) -> IdleDriver | None:
-        """Remove and return an idle driver with its state at the start of the problem, or None without one."""
+        """Remove and return an idle driver with its state at the start of the problem, or None if there is none."""
         idle = self.idle.pop(problem.parameter_array.tobytes(), None)
         if idle is not None:
             settings = self.plan.tolerances
@@ -298,7 +297,7 @@ class PreparedPlan:
         if taken is not None:
             first = taken.first
         else:
-            # A watched run keeps its state outside the memory of the driver.
+            # A run with events has its state outside of the memory of the driver.
             if memory is None:
                 driver.adopt(state)
             first = self.plan.tolerances.begin(problem.t0, problem.t1, problem.y0).reals
@@ -307,9 +306,9 @@ class PreparedPlan:
 
 
 def prepared(method: Planned, problem: Problem) -> PreparedPlan:
-    """Return the plan of a method for a problem, reused from a former run of the model if it is valid for this one.
+    """Return the plan of a method for a problem; that of a former run of the model if it is valid.
 
-    Methods and events are compared by identity, since a comparison of two tableaux takes longer than a new plan.
+    Methods and events are compared by identity, since comparing two tableaux takes longer than making a plan.
     """
     if not isinstance(problem, Problem):
         return PreparedPlan(method.plan(problem))
@@ -334,7 +333,7 @@ def _is_key(option: Any) -> bool:
 
 
 def drop_oldest(kept: dict[Any, Any], most: int) -> None:
-    """Drop the oldest entries until `most` are left; other threads may drop entries at the same time."""
+    """Drop the oldest entries until `most` are left. Other threads may drop entries at the same time."""
     if len(kept) > most:
         for key in tuple(kept)[:-most]:
             kept.pop(key, None)

@@ -66,12 +66,13 @@ def integrate(
 
     `initial` replaces entries of the statement's initial state, by coordinate, velocity or name. `method` is a
     registered name or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a
-    `step`. Without `atol` the absolute tolerance of an entry of the state follows its largest size so far.
-    `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` is the largest number of
-    tried steps. `max_wall` is the time limit in seconds for the steps, and for compiling before them. `max_memory`
-    is the largest number of bytes for kept steps, by default a quarter of the machine's memory. A failure during the
-    run ends it: `solution.status` says how, and the states until then are kept. Raises StatementError for an invalid
-    request.
+    `step`. Without `atol` the absolute tolerance of an entry of the state follows its largest size so far. `t_eval`
+    (k,) are the output times; without it every accepted step is stored. `max_steps` is the largest number of trial
+    steps. `max_wall` is the time limit in seconds for the steps, and for compiling before them. `max_memory` is the
+    largest number of bytes for stored steps, by default a quarter of the machine's memory.
+
+    A failure during the run ends it: `solution.status` is the reason, and the states until then are kept. Raises
+    StatementError for an invalid request.
     """
     return integrate_since(
         time.perf_counter(),
@@ -86,7 +87,7 @@ def integrate(
 def integrate_since(
     began: float, model: Model, span: Sequence[float], initial: Any, options: RunOptions, *, progress: bool
 ) -> Solution:
-    """Integrate as `integrate` does; `began` is the time of the request by `time.perf_counter`."""
+    """Integrate as `integrate` does. `began` is the time of the request by `time.perf_counter`."""
     if flag(progress, "progress"):
         with progress_bar(time_span(span), wanted=True) as report:
             trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
@@ -100,10 +101,9 @@ def integrate_since(
 
 
 def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
-    """Return a model as it is, or a system after compiling it.
+    """Return a model unchanged, or a system compiled. `progress` prints on a terminal that compiling takes long.
 
-    `progress` says on a terminal that this takes long. Raises StatementError for anything else, with the scene
-    `example`, and for given functions without values.
+    Raises StatementError for anything else, with the scene `example`, and for functions of time without values.
     """
     statement = stated(system, example)
     require_values(statement)
@@ -122,7 +122,7 @@ def run_stated(
     check: bool,
     progress: bool,
 ) -> Solution:
-    """Compile a system and run it, as `lagrange.System.run`. Options that are None come from the system's scene."""
+    """Compile a system and run it, for `lagrange.System.run`. Options that are None come from the system's scene."""
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
     chosen = scene.method or DEFAULT_METHOD if options.method is None else options.method
@@ -156,9 +156,9 @@ def flow(
 ) -> Flow:
     """Prepare the flow of a model: a function of (y0, t0, t1, parameters=None) that maps y0 (2n,) to y1 (2n,).
 
-    For a list of N times in place of t1 it returns the states at them, (2n, N). The driver is prepared once: a call
-    costs a few microseconds beside the steps themselves. Calls raise RunError if the run does not reach t1. Raises
-    StatementError for an unknown method or a setting that it does not take.
+    For a list of N times in place of t1 it returns the states (2n, N) at these times. The driver is prepared once: a
+    call costs a few microseconds in addition to its steps. Calls raise RunError if the run does not reach t1. Raises
+    StatementError for an unknown method, or a setting that it does not use.
     """
     return Flow(model, RunOptions(method, rtol, atol, step, max_steps=max_steps))
 
@@ -172,10 +172,10 @@ def trajectory_of(
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
 ) -> tuple[Trajectory, dict[Any, float]]:
-    """Run a model over a span of time; return the trajectory and the parameters' values.
+    """Run a model over a span of time; return the trajectory and the values of the parameters.
 
-    `progress` is called with the time reached; `began` is the time of the request by `time.perf_counter`. Raises
-    StatementError for an invalid request. A failure during the run sets the status of the trajectory.
+    `progress` is called with the time that the run has reached; `began` is the time of the request by `perf_counter`.
+    Raises StatementError for an invalid request. A failure during the run sets the status of the trajectory.
     """
     if not isinstance(model, Model):
         raise StatementError(f"{shown(model)} is not a compiled model: give system.compile(), or call system.run().")
@@ -189,7 +189,7 @@ def trajectory_of(
     start, constrained = given, bool(model.equations.constraints)
     began = time.perf_counter() if began is None else began
     if constrained:
-        # A start that is not found in time stays as it is: the run then ends before its first step.
+        # If the search for the start exceeds the time limit, it is unchanged: the run then ends before its first step.
         with suppress(PreparationTooLongError), preparation(began, options.wall_limit):
             start = consistent_start(model, t0, given, ordered(values, statement.parameters))
     problem = Problem(
@@ -218,7 +218,7 @@ def trajectory_of(
         trajectory = run_in_segments(problem, partial(_run, integrator))
     else:
         trajectory = _run(integrator, problem)
-    # Once for the whole run: over a short segment all coordinates stay within round-off.
+    # Tested for the whole run, because over a short segment all coordinates change only by rounding.
     trajectory = with_resolution(problem, trajectory)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
@@ -302,7 +302,7 @@ def time_span(span: Sequence[float]) -> tuple[float, float]:
 
 
 def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
-    """Return the first and the last time of a span, or 0 and the end if `span` is a number."""
+    """Return the first and the last time of a span; 0 and `span` if it is a number."""
     if isinstance(span, (Sequence, np.ndarray)):
         return time_span(span)
     return 0.0, real_number(span, "t_end")

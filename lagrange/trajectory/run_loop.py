@@ -50,13 +50,13 @@ SECONDS_PER_CALL = 0.02
 """Seconds of steps between two checks of the clock, the step limit and Ctrl-C."""
 
 FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
-"""Steps per call of the driver: more after a call shorter than `SECONDS_PER_CALL`, between these two. The first is
-small because a step may be slow; the largest bounds the memory for rows that may stay unused."""
+"""Numbers of steps per call of the driver: smallest and largest. The first is small because a step may be slow. The
+largest bounds the memory for rows that may remain unused.
+"""
 
 MOST_GROWTH = 16
-"""Factor on the steps per call if the next call would still be shorter than `SECONDS_PER_CALL`, else 2.
-
-A call costs some 10 us, as much as 50 steps of a small system.
+"""Largest factor on the steps per call, used if the next call would still be shorter than `SECONDS_PER_CALL`; else it
+is 2. A call costs some 10 us, as much as 50 steps of a small system.
 """
 
 _STATUS = {
@@ -69,25 +69,25 @@ _STATUS = {
 
 
 NOTHING = np.empty(0)
-"""Times and states before the first call of the driver: none."""
+"""Times and states before the first call of the driver: empty."""
 
 GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
-"""Results of a call of the driver without events: continue, or the end is reached."""
+"""Results of a driver call without events: continue; or the end is reached."""
 
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
-    """Run a problem by a plan and return its trajectory; `name` is the method's name in messages."""
+    """Run a problem by a plan and return its trajectory. `name` is the method's name in messages."""
     return _within_time(problem, name, lambda: PreparedPlan(plan))
 
 
 def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
-    """Run a problem by the plan of a method and return its trajectory; the model keeps the plan for other runs."""
+    """Run a problem by the plan of a method and return its trajectory. The model keeps the plan for later runs."""
     return _within_time(problem, name, lambda: prepared(method, problem))
 
 
 def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
-    """Prepare and run a problem; the limit `max_wall` holds for the preparation, and again for the steps."""
-    if not isinstance(problem, Problem) or problem.max_wall is None:  # the method refuses what is not a problem
+    """Prepare and run a problem. The limit `max_wall` applies to the preparation, and again to the steps."""
+    if not isinstance(problem, Problem) or problem.max_wall is None:  # the method checks its problem
         return _driven(problem, prepare(), name)
     try:
         with preparation(problem.began, problem.max_wall):
@@ -131,7 +131,7 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
     rows.look_at_constraints(problem.model, parameters, problem.t1 - problem.t0)
-    # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
+    # An idle driver has run with these parameters: a constant mass matrix is the same as then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
     status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
     watch, detail = None, ""
@@ -147,7 +147,7 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
             if problem.t_eval is not None and isinstance(plan, StepPlan):
                 rows.followed = plan.followed(problem, problem.t_eval, rows.switches or watch)
             late = compiled_late(problem)
-            # Compilation is done once for many runs and is not counted.
+            # Compilation serves many runs and is not counted.
             preparation_ends()
             began = time.perf_counter()
             per_call = max(FIRST_STEPS_PER_CALL, kept.steps if idle is None else idle.steps)
@@ -162,7 +162,7 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
     try:
         found = end(status, detail, sentence)
     except KeyboardInterrupt:
-        # The interrupt came after the last step. Finish the trajectory again, without an explanation of its end.
+        # Ctrl-C was pressed after the last step. Finish the trajectory again, without an explanation of its end.
         found = end(Status.INTERRUPTED, "", "")
     if found.status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
@@ -189,7 +189,7 @@ def _ended(
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
-    # What an interrupted run has passed is not inspected: the user waits.
+    # The states of an interrupted run are not tested, because the user waits.
     looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
     if looked_at and not rows.dropped:
         found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
@@ -284,7 +284,7 @@ def _outputs(
     def at_end(_rest: FloatArray) -> FloatArray:
         return states[-1:].T
 
-    # If outputs are written during the run, all remaining output times are the end itself.
+    # If outputs are written during the run, all remaining output times equal its end.
     if rows.followed is not None:
         y = rows.followed.joined(len(t), states[-1])
     elif plan.writes_outputs or path is None:
@@ -299,7 +299,7 @@ def _check_first_slope(
 ) -> tuple[Status | None, str]:
     """Return a status and message if the right-hand side has no value at the start, else None and "".
 
-    With `inertia`, a velocity without inertia is searched for as well.
+    With `inertia`, coordinates without inertia are also searched for.
     """
     model, y0 = problem.model, problem.y0
     kernel = model.kernel("rhs")
@@ -328,7 +328,7 @@ def _advance_to_end(
     began: float,
     per_call: int,
 ) -> tuple[Status, str]:
-    """Advance until the run ends, first by `per_call` steps; return its status and a detail for the message."""
+    """Advance until the run ends, first by `per_call` steps. Return its status and a detail for the message."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
     times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)
@@ -352,7 +352,7 @@ def _advance_to_end(
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
             budget = min(per_call, left, room, pace.next_look - tries) if left > 0 and room > 0 else 1
-            # Resets are rows, too: each turn of the driver's loop writes a step or a reset, and then the last step.
+            # Resets are rows, too: each turn of the driver's loop writes a step or a reset, and finally the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
             counts[DriverState.ROWS] = 0
             call += 1
@@ -397,7 +397,7 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return the result of a driver call that ended before the end without an event; raise floors at its request."""
+    """Return the result of a driver call that ended early without an event. Raise floors at its request."""
     if outcome is Outcome.PAUSED:
         return GOES_ON
     if outcome is Outcome.UNSCALED:
@@ -408,7 +408,7 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     if outcome is Outcome.STEP_TOO_SMALL:
         if raise_to_noise(problem.model, problem.parameter_array, state):
             return GOES_ON
-        # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
+        # A step may become shorter than the spacing of times without a rejection: then no trial step is the cause.
         cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
         return EventResult(_STATUS[cause], "" if cause is not Outcome.UNPROJECTED else UNPROJECTED, smooth=True)
     if outcome is Outcome.UNPROJECTED:
@@ -417,7 +417,7 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
 
 
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
-    """Record the events on all rows when the loop ends early, as by Ctrl-C. Return `detail`."""
+    """Record the events on all rows when the loop ends early, for example by Ctrl-C. Return `detail`."""
     if watch is not None:
         watch.is_due(state)
     return detail

@@ -1,4 +1,4 @@
-"""Sizes of the entries of a state, their rounding noise, and the floors of the tolerances that follow."""
+"""Sizes of the entries of a state, their rounding noise, and the floors of the tolerances that result."""
 
 from __future__ import annotations
 
@@ -26,28 +26,26 @@ from lagrange.machine.state import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
-"""Relative displacements of the state: the square root of the unit of round-off, and a multiple of it.
-
-If both change a derivative equally it jumps, as where a contact ends; then the size of the jump is used.
+"""Relative displacements of the state: the square root of the unit of rounding, and a multiple of it. If both change a
+derivative equally, it jumps, as at the end of a contact; then the size of the jump is used.
 """
 
 NEAR_REST = 2.0**-40
-"""If the whole state is zero, sizes of this fraction of what forces reach in the remaining time are tried too."""
+"""If the whole state is zero: sizes of this fraction of what forces reach in the remaining time are tried, too."""
 
 RATE_ITERATIONS = 3
-"""Iterations of the estimate of the fastest rate.
-
-Each applies the response twice: the largest factor by which an entry grows is the square of a rate.
+"""Number of iterations of the estimate of the fastest rate. Each applies the response twice: the largest factor by
+which an entry grows is the square of a rate.
 """
 
 SETTLED = 8.0
-"""The period is shortened if a coupled entry's size would change in it by more than this factor."""
+"""The period is shortened if the size of a coupled entry would change during it by more than this factor."""
 
 MOST_ROUNDS = 256
-"""Largest number of rounds in which sizes spread along a chain: two rounds per link."""
+"""Largest number of rounds in which sizes spread along a chain; a link takes two rounds."""
 
 FORCE_SAMPLES = 64
-"""Times along a run at which forces are evaluated before a solver of another package starts."""
+"""Number of times along a run at which forces are evaluated before a solver of another package starts."""
 
 Slopes = Callable[[float, FloatArray], FloatArray]
 
@@ -65,7 +63,7 @@ def first_floors(
 
 
 def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
-    """Return the right-hand side, NaN where the mass matrix is singular."""
+    """Return the right-hand side as a function that returns NaN if the mass matrix is singular."""
     try:
         law = one_state(model.kernel("rhs"), parameters)
     except SingularMassMatrix:
@@ -90,7 +88,7 @@ def entry_sizes(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of entries, their sizes by coupling over the natural period, and that period.
 
-    `left` is the remaining time of the run, signed; `force_points` are times and states (2n,) at which forces are
+    `left` is the remaining time of the run, signed. `force_points` are times and states (2n,) at which forces are
     evaluated.
     """
     with np.errstate(all="ignore"):
@@ -99,7 +97,7 @@ def entry_sizes(
         own = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
-        # An entry that moves has its size from its position: a force ahead may be that of a pole.
+        # The size of an entry that moves follows from its position: a force ahead may be that of a pole.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
         noise = SLOPE_NOISE * response(own(np.zeros_like(force), period))[layout.v]
@@ -130,7 +128,7 @@ def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: fl
 
 
 class _Response:
-    """The change of slopes under a displacement of the state, as a linear map."""
+    """The change of slopes due to a displacement of the state, as a linear map."""
 
     def __init__(
         self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
@@ -139,7 +137,7 @@ class _Response:
         self._factors, self._known, self._sizes = perturbation_factors(len(y)), y != 0, np.abs(y)
 
     def __call__(self, displacement: FloatArray) -> FloatArray:
-        """Return the sizes of the changes (2n,) for a displacement (2n,), whatever its length."""
+        """Return the sizes of the changes (2n,) due to a displacement (2n,) of any length."""
         far = displacement > 0
         if not far.any():
             return np.zeros_like(self._y)
@@ -155,13 +153,13 @@ class _Response:
         return np.asarray(abs(moved - self._slope))
 
     def rate(self, displacement: FloatArray) -> float:
-        """Return the fastest rate of the motion near the state, 0 if nothing responds to a displacement (2n,).
+        """Return the fastest rate of the motion near the state; 0 if nothing responds to a displacement (2n,).
 
-        Only entries with a displacement of their own count: the response of others is round-off at first.
+        Only entries that are displaced themselves count: the response of others is rounding at first.
         """
         known, found = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
-            # A response is a displacement per time, which in slow units of time would be round-off.
+            # A response is a displacement per time. In slow units of time it would be rounding.
             first = self(displacement)
             once = _ratio(first, displacement, known) or self._from_rest(first, displacement)
             then = self(first / once if once > 0 else first)
@@ -177,7 +175,7 @@ class _Response:
 
 
 def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
-    """Return the largest ratio of response to displacement, where the displacement is known."""
+    """Return the largest ratio of response to displacement, over the entries in the mask `known`."""
     both = known & (displacement > 0) & np.isfinite(response)
     return float((response[both] / displacement[both]).max(initial=0.0))
 
@@ -189,19 +187,18 @@ TINY_NOISE = 1e-300
 """Added to the noise of an acceleration, which may be zero."""
 
 VISIBLE = 2.0**8, 2.0**24, 2.0**40
-"""Change of an acceleration by a displacement, in multiples of its noise: the least, the aim, and the largest.
-
-A smaller change has no digits. A larger one may not be linear, unless a shorter displacement gives the same derivative.
+"""Change of an acceleration by a displacement, in multiples of its noise: the least, the desired, and the largest one.
+A smaller change has no digits. A larger change may not be linear, unless a shorter displacement gives the same
+derivative.
 """
 
 MOST_DISPLACEMENTS = 8
-"""Largest number of displacements of one entry that are tried; its derivatives are zero if none is visible and
-linear."""
+"""Largest number of displacements of one entry that are tried. If none is visible and linear, its derivatives are zero.
+"""
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
-"""The noise is also evaluated ahead: after this number of Euler steps of this part of the natural time.
-
-Terms that vanish at the start, as of a chain that hangs at rest, have noise as soon as it moves.
+"""The noise is also evaluated ahead: after the second number of Euler steps, each of the first number times the natural
+time. Terms that are zero at the start, as of a chain that hangs at rest, have noise as soon as it moves.
 """
 
 
@@ -211,11 +208,10 @@ def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
 
 
 def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
-    """Return a multiple of the rounding noise of each entry (2n,), 0 where it is not known.
+    """Return `NOISE_MULTIPLE` times the rounding noise of each entry (2n,); 0 if the mass matrix is singular.
 
-    The noise of a velocity is that of its acceleration over the natural time of the motion, at most the time `left`;
-    that of a coordinate is half of the same over that time once more. It is not known where the mass matrix is
-    singular.
+    The noise of a velocity is that of its acceleration over the natural time of the motion, at most the time `left`.
+    The noise of a coordinate is half of the product with that time again.
     """
     layout, law = model.layout, slopes_of(model, parameters)
     with np.errstate(all="ignore"):
@@ -236,9 +232,9 @@ def _noise(model: Model, parameters: FloatArray, t: float, y: FloatArray) -> Flo
 
 
 def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, noise: FloatArray) -> float:
-    """Return the largest rate of the equations linearized at a state (2n,), 0 if nothing responds to displacements.
+    """Return the largest rate of the equations linearized at a state (2n,); 0 if nothing responds to displacements.
 
-    It is a spectral radius: it does not depend on the units of the entries. `noise` (n,) is that of accelerations.
+    It is a spectral radius, and does not depend on the units of the entries. `noise` (n,) is that of accelerations.
     """
 
     def accelerations(state: FloatArray) -> FloatArray:
@@ -253,9 +249,9 @@ def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, 
 def _derivatives(
     accelerations: Callable[[FloatArray], FloatArray], y: FloatArray, j: int, force: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return the derivatives (n,) of accelerations by entry j, 0 if no displacement shows them.
+    """Return the derivatives (n,) of accelerations by entry j; 0 if no displacement shows them.
 
-    `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is theirs.
+    `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is their noise.
     """
     least, aim, most = VISIBLE
     step, before = abs(float(y[j])) * 2.0**-26 or 2.0**-26, np.full_like(force, np.inf)
@@ -275,23 +271,21 @@ def _derivatives(
 
 
 def _spectral_radius(matrix: FloatArray) -> float:
-    """Return the largest absolute eigenvalue of a matrix (n, n), 0 if it has entries that are not finite."""
+    """Return the largest absolute eigenvalue of a matrix (n, n); 0 if it has entries that are not finite."""
     if not matrix.any() or not np.isfinite(matrix).all():
         return 0.0
     return float(abs(np.linalg.eigvals(matrix)).max())
 
 
 FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Steps ahead at which forces are evaluated: a system at rest may have only forces that depend on time.
-
-From one survey of a run to the next these times are multiplied by the last number.
+"""Numbers of steps ahead at which forces are evaluated, because a system at rest may have only forces that depend on
+time. From one survey of a run to the next these times are multiplied by the last number.
 """
 
 DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
-"""Steps ahead at which forces are evaluated on the free motion of the state.
-
-A rejected step that met something at rest was one to five times as long as the next. From one survey to the next these
-times are multiplied by the second number.
+"""Numbers of steps ahead at which forces are evaluated on the free motion of the state. A rejected step that met
+something at rest was one to five times as long as the next step. From one survey to the next these times are multiplied
+by the second number.
 """
 
 REST_HALVINGS = 52
@@ -299,7 +293,7 @@ REST_HALVINGS = 52
 
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
-    """Raise the floors of a run that returned as UNSCALED; see `Outcome`."""
+    """Raise the floors of a run that returned with the outcome UNSCALED."""
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
     h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
@@ -310,29 +304,29 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     if not state.y.any():
         times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
     force_points = [(when, state.y) for when in times]
-    # An entry at rest may be pushed by one that reaches it in the step.
+    # An entry at rest may be pushed by an entry that reaches it in the step.
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
     found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
     noise = noise_floors(model, parameters, t, state.y, left)
     if not state.count(DriverState.STEPS) and (noise > np.maximum(state.floors, found)).any():
-        # The first step was chosen by entries that are rounding: it is chosen anew.
+        # The first step was chosen by entries that are rounding: it is chosen again.
         reals[DriverState.H] = 0.0
     found = np.maximum(found, noise)
     if before == MOST_SURVEYS - 1:
         found = np.maximum(found, _floors_of_others(layout, state.floors))
     if (found > state.floors).any():
-        # A series knows the length of its next step: that of a rejected one came of floors that were too low.
+        # A series knows the length of its next step. The length of a rejected step came from floors that were too low.
         state.taylor.limit = math.inf
     state.floors[:] = np.maximum(state.floors, found)
     state.counts[DriverState.SURVEYED] += 1
 
 
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
-    """Raise floors that are below rounding noise, and return whether one rose by more than a factor of two.
+    """Raise floors that are below rounding noise. Return True if one rose by more than a factor of two.
 
-    Without it the steps of a chain with one moving link shrink to resolve the noise of the other links.
+    Otherwise the steps of a chain with one moving link decrease to resolve the noise of the other links.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False
@@ -340,21 +334,21 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
     found = noise_floors(model, parameters, state.t, state.y, left)
     rises = bool((found > 2 * state.floors).any())
     state.floors[:] = np.maximum(state.floors, found)
-    # Before its first step a run without a survey would set the floors of entries that are zero again, for ever.
+    # Otherwise a run without a survey before its first step would set the floors of entries that are zero forever.
     state.counts[DriverState.SURVEYED] = max(state.count(DriverState.SURVEYED), 1)
     return rises
 
 
 def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
-    """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
+    """Return floors (2n,) for entries that are rounding of others of their kind; 0 for the rest.
 
-    It is the last attempt for a run whose steps keep shrinking. For example 1 + tanh(u) is rounded to zero and its
-    slope is not: no displacement shows that the effect of such a force is below its round-off.
+    It is the last attempt for a run whose steps keep decreasing. For example, 1 + tanh(u) is rounded to zero and its
+    slope is not: no displacement shows that the effect of such a force is below its rounding.
     """
     kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
     return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
 
 
 def _within(step: float, left: float) -> float:
-    """Return a step, at most as long as the remaining time."""
+    """Return a step, shortened to the remaining time if it is longer."""
     return step if abs(step) < abs(left) else left

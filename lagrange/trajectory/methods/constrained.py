@@ -1,9 +1,8 @@
 """Symplectic methods for systems with holonomic constraints, whose multipliers are among the unknowns.
 
-A step begins and ends with coordinates and velocities that satisfy the constraints: its positions are brought to phi =
-0, then its velocities to dphi/dt = 0, each to round-off. Without constraints each is the method that it generalizes.
-The law is p, f, c, phi, psi = g(t, q, v, lambda) with c = G^T lambda, for any mass matrix, with forces and explicit
-time.
+Coordinates and velocities satisfy the constraints at both ends of a step: the positions are moved to phi = 0, then the
+velocities to dphi/dt = 0, each up to rounding. Without constraints each method is the one that it generalizes. The law
+is p, f, c, phi, psi = g(t, q, v, lambda) with c = G^T lambda, for any mass matrix, with forces and explicit time.
 Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VII.1.4; L. O. Jay, SIAM J.
 Numer. Anal. 33, 1996; S. Leyendecker, J. E. Marsden, M. Ortiz, ZAMM 88, 2008.
 """
@@ -25,10 +24,10 @@ Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
 
 @dataclass(frozen=True)
 class LobattoPair:
-    """The step that integrates q' = v with Lobatto IIIA and p' = f + c with IIIB, phi being 0 at every stage.
+    """The step that integrates q' = v with Lobatto IIIA and p' = f + c with IIIB, with phi = 0 at every stage.
 
-    The last column of IIIB is zero: the multiplier at the end changes only the momentum there, and is the one with
-    which the velocity satisfies the constraints.
+    The last column of IIIB is zero. So the multiplier at the end changes only the momentum there, and makes the
+    velocity satisfy the constraints.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]
@@ -37,7 +36,7 @@ class LobattoPair:
     conjugate: tuple[tuple[Abscissa, ...], ...]
 
     def __call__(self, g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Take a step."""
+        """Return the coordinates and velocities after a step."""
         b, count = self.b, len(self.b)
         none = q * 0
         before, *_ = g(t, q, v, none)
@@ -49,7 +48,7 @@ class LobattoPair:
 
         def residuals(*unknowns: Any) -> list[Any]:
             speeds, pushes = unknowns[:count], unknowns[count:]
-            # The last stage has no multiplier of its own: its phi is padded with the first.
+            # The last stage has no multiplier: its phi is padded with the multiplier of the first stage.
             made = stages(speeds, (*pushes, pushes[0]))
             forces = [f + c for _, f, c, _, _ in made[:-1]]
             rows = zip(self.conjugate, made, strict=True)
@@ -79,7 +78,7 @@ RATTLE, LOBATTO4 = map(_pair, (2, 3))
 
 
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take a step whose discrete action is h L at the midpoint and mean velocity; phi is 0 at both ends."""
+    """Return (q, v) after a step with discrete action h L at the midpoint and mean velocity; phi = 0 at both ends."""
     none = q * 0
     before, *_ = g(t, q, v, none)
 

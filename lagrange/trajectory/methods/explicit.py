@@ -33,16 +33,16 @@ from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-]?[0-9]{1,3})?\s*")
-"""An entry of a tableau as text: 2/3, -1 or 0.25."""
+"""Pattern of an entry of a tableau as text, such as 2/3, -1 or 0.25."""
 
 
 @dataclass(frozen=True)
 class RungeKutta:
     """The explicit Runge-Kutta method of a tableau.
 
-    `step` is the size of equal steps, for a tableau without an error estimate; `rtol` and `atol` are tolerances
-    for one with it. Options that are None are those of the run, or have a default. `law` is the function that the step
-    evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps quaternions of length one.
+    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are tolerances for one
+    with it. An option that is None is that of the run, or has a default. `law` is the function that the step evaluates:
+    "rhs", or "local" for a step in local coordinates of rotations, which keeps quaternions at length one.
     """
 
     tableau: ButcherTableau
@@ -67,23 +67,23 @@ class RungeKutta:
 
     @cached_property
     def claims(self) -> Claims:
-        """Order, step control, and the order of the path."""
+        """Order, step control, and the order of the dense output."""
         dense = self.tableau.dense.order if self.tableau.dense else 0
         return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None, dense=dense)
 
     @property
     def program(self) -> StepProgram:
-        """The step; see `Stepped`."""
+        """The step as a program."""
         return runge_kutta_step(self.tableau, self.law)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan; see `Planned`."""
+        """Return the plan of the method for a problem."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         return StepPlan(self.program, tolerances, self._path)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         return drive_by(self, problem, self.name)
 
     def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
@@ -95,7 +95,7 @@ class RungeKutta:
 
 @lru_cache(maxsize=64)
 def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
-    """Return the step program of a tableau around a law, "rhs" or "local"."""
+    """Return the step program of a tableau, for the law "rhs" or "local"."""
     estimate, control = tableau.error, None
     if estimate is not None:
         control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
@@ -107,7 +107,7 @@ def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
 
 
 def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
-    """Return the state after a step in local coordinates about its start, and the error estimates of q and v."""
+    """Return the state (q, v) after a step in local coordinates about its start, and the error estimates of q and v."""
 
     def slope(at: Any, state: Any) -> Any:
         return np.array(g(at, *state, q)[:2], dtype=object)
@@ -187,10 +187,10 @@ def tableau(
     embedded_order: int | None = None,
     source: str = "",
 ) -> ButcherTableau:
-    """Return an explicit method's tableau, checked against the order that it claims, with a cubic path.
+    """Return the tableau of an explicit method, checked against the order that it claims, with a cubic path.
 
-    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. An entry is a number, a Fraction
-    or text such as "2/3". `embedded` are the weights of a second solution, of `embedded_order`, or one less than
+    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. An entry is a number, a Fraction or
+    text such as "2/3". `embedded` are the weights of a second solution, of `embedded_order` or by default one less than
     `order`: the method then controls its steps by the difference. Raises StatementError with the condition that fails.
     """
     listed = _listed(text(name, "name"), A)
@@ -221,7 +221,7 @@ def tableau(
 
 
 def _listed(name: str, given: Any) -> list[Any] | None:
-    """Return the rows of a matrix or the entries of a row as lists. A single row or column counts as a matrix."""
+    """Return the rows of a matrix, or the entries of a row, as lists. A single row or column counts as a matrix."""
     if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2 and max(given.shape) <= MOST_ENTRIES:
         return list(given.tolist())
     return entries(given, f"a row of the tableau {shown(name)}")
@@ -232,7 +232,7 @@ def _entries(name: str, line: Any) -> Coefficients:
     try:
         found = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
         for entry in found:
-            float(entry)  # A fraction may lie beyond all doubles.
+            float(entry)  # A fraction may be outside of the range of doubles.
         return found
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
@@ -242,12 +242,15 @@ def _entries(name: str, line: Any) -> Coefficients:
 
 
 def _fraction(entry: Any) -> Fraction:
-    """Return a number or short text as an exact fraction. Long texts are refused, such as 1e1000000000."""
+    """Return a number or short text as an exact fraction. Long texts, such as 1e1000000000, are refused."""
     if isinstance(entry, bool) or (isinstance(entry, str) and not FRACTION.fullmatch(entry)):
         raise ValueError(shown(entry))
     return Fraction(entry)
 
 
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
-    """Return a fixed-step method from a tableau. See `tableau`, also for the errors that it raises."""
+    """Return a fixed-step method from a tableau.
+
+    Arguments and errors are those of `tableau`; `step` is the step size.
+    """
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)

@@ -1,4 +1,4 @@
-"""Implicit methods: step functions that solve for their slopes, one formula each.
+"""Implicit methods: step functions that solve for their slopes, one formula for each method.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, sections IV.3, IV.5 and V.1.
 """
@@ -34,12 +34,12 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class ImplicitMethod:
     """The method of an implicit step function, step(f, t, y, h, solve).
 
-    `law` is the function that the step evaluates: "rhs", or "momentum" or "constrained" for step(g, t, q, v, h, solve).
-    With a `control` the step also returns an error vector for each vector of the state, and the method takes `rtol` and
-    `atol`; otherwise it takes equal steps of size `step`. With a `starter`, which takes the first step, the step
-    function also gets the state one step back, after the state. `path` makes the dense output, whose order is claimed;
-    the default is a Hermite path. The steps of a `holonomic` method end on the constraints: they are not projected, and
-    constraints that are stated in velocities are refused.
+    `law` is the function that the step evaluates: "rhs"; or "momentum" or "constrained" for step(g, t, q, v, h, solve).
+    With a `control` the step also returns an error vector for each state vector, and the method takes `rtol` and
+    `atol`. Otherwise it takes equal steps of size `step`. With a `starter`, which takes the first step, the step
+    function also gets the state one step before, after the state. `path` makes the dense output, whose order is
+    claimed; the default is a Hermite path. The steps of a `holonomic` method end on the constraints: they are not
+    projected, and constraints stated in velocities are refused.
     """
 
     name: str
@@ -73,11 +73,11 @@ class ImplicitMethod:
 
     @property
     def program(self) -> StepProgram:
-        """The step; see `Stepped`."""
+        """The step as a program."""
         return _program(self.name, self.function, self.law, self.control, self.starter)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan; see `Planned`."""
+        """Return the plan of the method for a problem."""
         if self.holonomic:
             check_holonomic(self.name, problem)
         if self.law == "momentum":
@@ -88,7 +88,7 @@ class ImplicitMethod:
         return StepPlan(self.program, tolerances, path, projected=not self.holonomic)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         return drive_by(self, problem, self.name)
 
 
@@ -105,27 +105,27 @@ def _program(
 
 
 def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take a step along the slope at its end."""
+    """Return the state after a step along the slope at its end."""
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take a step along the mean of the slopes at both ends."""
+    """Return the state after a step along the mean of the slopes at both ends."""
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
 
 
 def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take a step along the slope at its middle."""
+    """Return the state after a step along the slope at its midpoint."""
     k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
     return y + k * h
 
 
 @built_in("backward-euler")
 def BackwardEuler(step: float | None = None) -> ImplicitMethod:
-    """Return the backward Euler method, order 1, which damps whatever is fast."""
+    """Return the backward Euler method, order 1, which damps fast components."""
     return ImplicitMethod("backward-euler", Claims(1, a_stable=True, explicit=False), backward_euler, step=step)
 
 
@@ -146,14 +146,14 @@ def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
 
 @dataclass(frozen=True)
 class Collocation:
-    """The step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
+    """The step function of an implicit Runge-Kutta method. Its unknowns are the slopes of the stages."""
 
     A: tuple[tuple[Abscissa, ...], ...]
     b: tuple[Abscissa, ...]
     c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-        """Take a step."""
+        """Return the state after a step."""
 
         def residuals(*slopes: Any) -> tuple[Any, ...]:
             stages = [y + weighted(row, slopes) * h for row in self.A]
@@ -170,11 +170,11 @@ def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
 
 GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (2, 3))
 STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
-"""Radau's step of 2 stages, order 3, with equal steps: the first step of methods with two steps."""
+"""Radau's step of 2 stages, order 3, with equal steps: the first step of methods that use two previous states."""
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Take a step to a state at which the parabola through it and the last two states has the equations' slope."""
+    """Return the next state: the parabola through it and the last two states has the slope of the equations there."""
     known = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, known + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
     return known + k * (h * Fraction(2, 3))
@@ -196,6 +196,6 @@ def Gauss3(step: float | None = None) -> ImplicitMethod:
 
 @built_in("bdf2")
 def BDF2(step: float | None = None) -> ImplicitMethod:
-    """Return the backward differentiation formula of two steps, order 2, for stiff systems; it starts with Radau's."""
+    """Return the backward differentiation formula of two steps, order 2, for stiff systems; Radau's step starts it."""
     claims = Claims(2, a_stable=True, explicit=False)
     return ImplicitMethod("bdf2", claims, bdf2, starter=STARTER, step=step)

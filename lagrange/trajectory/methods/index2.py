@@ -1,12 +1,11 @@
-"""Radau's method of 3 stages on constraints of velocities, with multipliers for unknowns: index 2, adaptive, order 5.
+"""Radau's method of 3 stages on constraints of velocities, with multipliers as unknowns: index 2, adaptive, order 5.
 
-The stages integrate q' = v and p' = f + G^T lambda, and each satisfies psi = 0: the derivatives of holonomic
-constraints, and constraints that are stated in velocities. The multipliers are of order 3. The error is that of
-Hairer and Wanner's embedded formula, damped by an implicit step along the constraints, for which the multipliers at the
-start need not be known.
-Source: E. Hairer, C. Lubich, M. Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta Methods,
-1989, theorems 4.4 and 4.6; E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8 and
-VII.4.
+The stages integrate q' = v and p' = f + G^T lambda. Each satisfies psi = 0: the derivatives of holonomic constraints,
+and constraints that are stated in velocities. The multipliers have order 3. The error is that of Hairer and Wanner's
+embedded formula, damped by an implicit step along the constraints, for which the multipliers at the start are not
+needed. Source: E. Hairer, C. Lubich, M. Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
+Methods, 1989, theorems 4.4 and 4.6; E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996,
+IV.8 and VII.4.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ A, B, C = collocation_tableau(POINTS[STAGES])
 
 
 def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, ...]:
-    """Take a step; the unknowns are the changes of the velocity and the multipliers at the stages."""
+    """Return (q, v) after a step and their errors. Unknowns are stage changes of the velocity and the multipliers."""
     none, gamma = q * 0, DAMPING[STAGES]
     before, *_ = g(t, q, v, none)
 
@@ -57,17 +56,14 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
 
 def predict(ratio: Any, *old: Any) -> list[Any]:
-    """Return initial guesses of the unknowns: the last step's polynomials, continued.
-
-    Those of multipliers have 3 points.
-    """
+    """Return initial guesses of the unknowns: the last step's polynomials, extrapolated (multipliers: 3 points)."""
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]
 
 
 @built_in("radau5-index2")
 def Radau5Index2(rtol: float | None = None, atol: float | None = None) -> ImplicitMethod:
-    """Return Radau's adaptive method of 3 stages with multipliers for unknowns, order 5, for stiff systems."""
+    """Return Radau's adaptive method of 3 stages with multipliers as unknowns, order 5, for stiff systems."""
     claims = Claims(2 * STAGES - 1, adaptive=True, a_stable=True, explicit=False)
     control = Control(STAGES + 1, least=0.125, most=8.0, hold=1.2)
     return ImplicitMethod(

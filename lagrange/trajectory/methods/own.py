@@ -1,7 +1,7 @@
 """User-defined methods: a step as a plain Python function, tested before it is compiled.
 
-The function runs first on combinations with plain numbers, which report any operation other than combining. They also
-give the tableau of a Runge-Kutta step, whose order conditions are then checked.
+The function first runs on trial vectors with numeric coefficients, which report any operation other than a linear
+combination. They also give the tableau of a Runge-Kutta step, whose order conditions are then checked.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
-"""Values of (t, h) for the test. There are two, to distinguish h**2 from h."""
+"""Values of (t, h) for the test. Two of them distinguish h**2 from h."""
 
 SHORT_STEP = Fraction(1, 4096)
 """A step so short that its slopes must add up to h, up to terms of relative size h."""
@@ -43,7 +43,7 @@ FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and veloci
 
 @dataclass(frozen=True)
 class StepMethod:
-    """A method with equal steps, from a step function; made by `step_method`."""
+    """A method with equal steps from a step function, made by `step_method`."""
 
     name: str
     order: int
@@ -61,16 +61,16 @@ class StepMethod:
 
     @cached_property
     def claims(self) -> Claims:
-        """The order that was stated, and that of the Hermite path between steps."""
+        """The order that was stated, and the order of the Hermite path between steps."""
         return Claims(order=self.order, dense=max(3, self.order - 1))
 
     @property
     def program(self) -> StepProgram:
-        """The step; see `Stepped`."""
+        """The step as a program."""
         return _program(self.name, self.function)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan; see `Planned`."""
+        """Return the plan of the method for a problem."""
         if self.program.partitioned:
             check_splits(self.name, problem)
         return StepPlan(
@@ -78,19 +78,20 @@ class StepMethod:
         )
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         return drive_by(self, problem, self.name)
 
 
 def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:
-    """Return a method with equal steps from a step function, compiled for every system that it runs on.
+    """Return a method with equal steps from a step function, compiled for every system on which it runs.
 
-    `function` is `step(f, t, y, h)` and returns the state at t + h, with f(t, y) the slope of the state y = [q, v]; or
-    `step(a, t, q, v, h)`, returns (q, v), and has the accelerations a(t, q), where these do not depend on velocities.
-    It adds and subtracts vectors and multiplies them by numbers made of t and h, and does nothing else with them.
-    The order of a step of the first form is checked, as a tableau's is, or that it is one at all where its numbers are
-    not in proportion to h; of the second, that both move as they must under a constant force. It is called for its
-    record alone, and must do the same at every call. Raises StatementError.
+    `function` is `step(f, t, y, h)` and returns the state at t + h, with f(t, y) the slope of the state y = [q, v]. Or
+    it is `step(a, t, q, v, h)` and returns (q, v), with accelerations a(t, q) that do not depend on velocities. It may
+    only add and subtract vectors, and multiply them by numbers made of t and h. It is called to record these
+    operations, and must do the same at every call.
+
+    A step of the first form is checked for its order, like a tableau; or for consistency if its coefficients are not
+    proportional to h. A step of the second form is checked under a constant force. Raises StatementError.
     """
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
         raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number from 1 on.")
@@ -101,7 +102,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
 
 @lru_cache(maxsize=64)
 def _program(name: str, function: Callable[..., Any]) -> StepProgram:
-    """Return the step function as a program."""
+    """Return the step program that records the step function."""
 
     def guarded(*arguments: Any) -> Any:
         try:
@@ -117,7 +118,7 @@ def _program(name: str, function: Callable[..., Any]) -> StepProgram:
 
 
 def _arguments(name: str, function: Callable[..., Any]) -> int:
-    """Return the number of a step function's arguments, 4 or 5."""
+    """Return the number of a step function's arguments, 4 or 5. Raises StatementError for another number."""
     if not callable(function) or not isinstance(function, Hashable):
         what = f"{kind_of(function)} without a hash" if callable(function) else kind_of(function)
         raise StatementError(f"the step function {name} is {what}: give a function, {FORMS}.")
@@ -175,7 +176,7 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
 
 
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
-    """Refuse a step function that is inconsistent, or not of the order; see `step_method`. Return its two trials."""
+    """Return the two trials of a step function. Raises StatementError if it is inconsistent, or not of the order."""
     states = 2 if _arguments(name, function) == 5 else 1
     both = tried, doubled = (
         _tried(name, function, states, *TRIAL_POINTS[0]),
@@ -205,7 +206,7 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
 
 
 def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
-    """Refuse a step function whose recording differs from its trial, since only the recording will run."""
+    """Raise StatementError if the recorded step differs from its trial, since only the recording will run."""
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
@@ -224,7 +225,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
 
 
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
-    """Check the consistency of a step whose coefficients are not proportional to h."""
+    """Check the consistency of a step whose coefficients are not proportional to h. Raises StatementError."""
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
     if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:
@@ -241,7 +242,7 @@ def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
 
 
 def _scales(tried: _Tried, doubled: _Tried) -> bool:
-    """Return whether the step is a Runge-Kutta step: coefficients in proportion to h, times t + c h."""
+    """Return True for a Runge-Kutta step: its coefficients are proportional to h, and its times are t + c h."""
     if len(tried.calls) != len(doubled.calls):
         return False
     pairs = [(float(2 + 2 * at), float(later)) for (at, _), (later, _) in zip(tried.calls, doubled.calls, strict=True)]
@@ -253,7 +254,7 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
-    """Check the condition of every step in q and v: q + h v + h^2 a/2 and v + h a for a constant a."""
+    """Check a step in q and v under a constant a: it must return q + h v + h^2 a/2 and v + h a."""
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
     found: list[tuple[str, str, Coefficient, Coefficient]] = [

@@ -1,9 +1,9 @@
 """Radau's methods of 2 and 3 stages: adaptive steps for stiff systems, of order 3 and 5.
 
-The unknowns are the increments Z_i of the state at the points c_i. They are predicted by the polynomial through those
-of the last step, from which the path is built as well. The error is that of an embedded formula with the slope at the
-start, damped so that fast components are not overestimated.
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.5 and IV.8, eq. 8.5 to 8.20.
+The unknowns are the increments Z_i of the state at the points c_i. Their first guess is the polynomial through the
+increments of the last step. This polynomial also gives the dense output. The error is that of an embedded formula with
+the slope at the start, damped so that fast components are not overestimated. Source: E. Hairer, G. Wanner, Solving
+Ordinary Differential Equations II, 2nd ed., 1996, IV.5 and IV.8, eq. 8.5 to 8.20.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from lagrange.trajectory.tableaux.gauss import collocation_tableau, lagrange_bas
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
-"""The zeros of Radau's polynomials on [0, 1], by the number of stages."""
+"""The zeros of Radau's polynomials on [0, 1], by number of stages."""
 
 DAMPING = {2: 6**-0.5, 3: 1 / (3 + 3 ** (2 / 3) - 3 ** (1 / 3))}
-"""Factor of h J by which the error is damped: 1 / the real eigenvalue of A^-1. For 2 stages both eigenvalues are
-complex, and the factor is 1 / their size."""
+"""Factor of h J in the damping of the error: 1 / the real eigenvalue of A^-1. For 2 stages both eigenvalues are
+complex, and the factor is 1 / their size.
+"""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class RadauStep:
     stages: int
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
-        """Take a step."""
+        """Return the state after a step, and the error vector."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         gamma = DAMPING[self.stages]
 
@@ -52,9 +53,10 @@ class RadauStep:
         return y + Z[-1], error
 
     def embedded(self) -> list[float]:
-        """Return the weights of the increments in the error."""
+        """Return the weights of the increments in the error vector."""
         A, _, c = collocation_tableau(POINTS[self.stages])
-        # The embedded weights make a quadrature of order s with the weight gamma at 0; hF = A^-1 Z turns them to Z.
+        # The embedded weights are a quadrature of order s with weight gamma at 0. With hF = A^-1 Z they become weights
+        # of Z.
         moments = np.vander(c, increasing=True).T
         weights = np.linalg.solve(
             moments, 1 / np.arange(1, self.stages + 1) - DAMPING[self.stages] * np.eye(self.stages)[0]
@@ -62,13 +64,13 @@ class RadauStep:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return initial guesses of the increments: the last step's polynomials, continued."""
+        """Return initial guesses of the increments: the polynomial of the last step, extrapolated."""
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(found - old[-1] for found in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
 def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Evaluate the polynomial through values at points of a step, at points of the next one, `ratio` times as long."""
+    """Return values at points of the next step, `ratio` times as long, of the polynomial through values of a step."""
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
     def at(polynomial: Any, ci: float) -> Any:
@@ -85,12 +87,12 @@ RADAU3, RADAU5 = RadauStep(2), RadauStep(3)
 
 @dataclass(frozen=True)
 class RadauPath:
-    """Factory of the path: a polynomial of degree `stages` + 1 for each step, of order `stages` + 1."""
+    """Factory of the dense output: a polynomial of degree and order `stages` + 1 for each step."""
 
     stages: int
 
     def __call__(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
-        """Return the path."""
+        """Return the dense output through accepted times (S+1,) and states (S+1, 2n)."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         return step_path(problem.model, problem.parameter_array, collocation_polynomial(A, c), times, states)
 

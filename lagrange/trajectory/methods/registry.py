@@ -23,7 +23,7 @@ from lagrange.trajectory.plan import promises
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 GROUP = "lagrange.integrators"
-"""The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
+"""The entry-point group in which a package registers `name = module:class`. The class is called without arguments."""
 
 FOREIGN_NAMES = {
     "rk45": "dopri5",
@@ -59,11 +59,11 @@ NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
 
 def register(name: str, method: Any, *, order: int | None = None, replaces: bool = False) -> None:
-    """Give a method a name, so that `method="name"` finds it in this process, as the built-in ones are found.
+    """Register a method under a name, so that `method="name"` selects it in this process.
 
-    `method` is a ButcherTableau, an instance of an integrator, its class or a function that makes one, called without
-    arguments; with `order`, it is a step function, see `step_method`. With `replaces=True` a registered name is given
-    to another method. Raises StatementError for an argument that is not a method, or whose claims are wrong.
+    `method` is a ButcherTableau, an instance of an integrator, its class, or a function that makes one and is called
+    without arguments. With `order` it is a step function for `step_method`. With `replaces=True` the name may be that
+    of a registered method. Raises StatementError for an argument that is not a method, or whose claims are wrong.
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
@@ -78,7 +78,7 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
 
 
 def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
-    """Return the function that makes the integrator, after checking its result."""
+    """Return the function that makes the integrator, after a check of its result."""
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
             raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
@@ -115,7 +115,7 @@ def _needed(method: Callable[..., Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class MethodRow:
-    """One line of the table of methods."""
+    """One row of the table of methods."""
 
     name: str
     claims: Claims
@@ -123,7 +123,7 @@ class MethodRow:
 
 
 class MethodTable(tuple[MethodRow, ...]):
-    """The methods with their claims; prints as a table."""
+    """The table of methods with their claims; it prints as text."""
 
     def __str__(self) -> str:
         wide = max((len(row.name) for row in self), default=6) + 2
@@ -143,7 +143,7 @@ class MethodTable(tuple[MethodRow, ...]):
         return self.to_markdown()
 
     def to_markdown(self) -> str:
-        """Return the table for a page."""
+        """Return the table as Markdown."""
         titles = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]
         lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
         for row in self:
@@ -159,7 +159,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
     ("energy", lambda claims: claims.energy),
     ("A-stable", lambda claims: claims.a_stable),
 )
-"""Columns of the table that contain yes or nothing, with the claim that each shows."""
+"""Columns of the table that are either marked or empty, with the claim that each shows."""
 
 
 def _kind(claims: Claims) -> str:
@@ -172,7 +172,7 @@ def names() -> list[str]:
 
 
 def find(method: Any) -> Integrator:
-    """Return the integrator of a registered name, or the instance itself. Raises StatementError for anything else."""
+    """Return the integrator of a registered name, or the given instance. Raises StatementError for anything else."""
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)
     if not isinstance(method, str):
@@ -228,7 +228,7 @@ def _about(name: str, integrator: Integrator) -> str:
 
 @cache
 def _loaded(name: str) -> Callable[[], Integrator]:
-    """Return the class of a method of another distribution, cached: loading one takes as long as a short run."""
+    """Return the class of a method of another package. It is cached: loading takes as long as a short run."""
     found: Callable[[], Integrator] = _offered()[name].load()
     return found
 

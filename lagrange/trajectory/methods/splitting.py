@@ -1,8 +1,7 @@
-"""Symplectic splittings: coordinates and velocities moved in turn, where the equations of motion allow it.
+"""Symplectic splittings: coordinates and velocities are advanced in turn, if the equations of motion allow it.
 
-With a constant mass matrix and accelerations a(q, t) alone, drift (q with v) and kick (v with a) are each solved
-exactly, and their composition is symplectic in (q, p = M v). A force may depend on time: time moves with the
-coordinates, as one more of them.
+With a constant mass matrix and accelerations a(q, t), drift (q with v) and kick (v with a) are each solved exactly.
+Their composition is symplectic in (q, p = M v). If a force depends on time, time is advanced with the coordinates.
 Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, I.1, II.5, III.3 and VI.3.
 """
 
@@ -31,7 +30,7 @@ from lagrange.trajectory.trajectory import Trajectory
 SplittingStages = tuple[tuple[float, float], ...]
 
 CUBE = 1 / (2 - 2 ** (1 / 3))
-"""Outer coefficient of the triple jump: with it the errors of order h^3 cancel."""
+"""Outer coefficient of the triple jump, with which the errors of order h^3 cancel."""
 
 YOSHIDA6 = (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568)
 """First three of seven coefficients of a symmetric composition; the middle one makes the sum 1."""
@@ -51,10 +50,10 @@ KAHAN_LI = (
 
 @dataclass(frozen=True)
 class Splitting:
-    """A composition of kicks and drifts: `stages` are pairs (kick, drift) of fractions of the step, kick first.
+    """A composition of kicks and drifts. `stages` are pairs (kick, drift) of fractions of the step; the kick is first.
 
-    Checked when built: the sums, and every order condition up to `order`. Raises StatementError with the condition
-    that fails and by how much.
+    The sums and every order condition up to `order` are checked. Raises StatementError with the condition that fails
+    and its error.
     """
 
     name: str
@@ -90,22 +89,22 @@ class Splitting:
 
     @cached_property
     def claims(self) -> Claims:
-        """Order, symplecticity, and symmetry in time; the path between steps is the cubic one."""
+        """Order, symplecticity, and symmetry in time. The dense output is a cubic."""
         return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=max(3, self.order - 1))
 
     @property
     def program(self) -> StepProgram:
-        """The step; see `Stepped`."""
+        """The step as a program."""
         return splitting_step(self.name, self.stages)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan. Raises StatementError where the splitting is not legal."""
+        """Return the plan of the method. Raises StatementError for a system that cannot be split."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         return drive_by(self, problem, self.name)
 
 
@@ -121,13 +120,13 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
 
 
 def check_splits(name: str, problem: Problem) -> None:
-    """Refuse a system whose kinetic energy is not separable or whose forces depend on velocities."""
+    """Raise StatementError if the kinetic energy is not separable, or forces depend on velocities."""
     check_problem(name, problem)
     check_separable(name, problem.model)
 
 
 def check_separable(name: str, model: Model) -> None:
-    """Refuse a model whose kinetic energy is not separable or whose forces depend on velocities."""
+    """Raise StatementError if the kinetic energy of a model is not separable, or forces depend on velocities."""
     structure = model.equations.structure
     position_only = structure.position_only or structure.decisions.position_only is True
     if not structure.constant_mass and structure.decisions.constant_mass is not True:
@@ -152,7 +151,7 @@ def check_separable(name: str, model: Model) -> None:
 
 @lru_cache(maxsize=64)
 def splitting_step(name: str, stages: SplittingStages) -> StepProgram:
-    """Return the step program of a splitting. Time moves with the coordinates."""
+    """Return the step program of a splitting. Time is advanced with the coordinates."""
     last = max(i for i, (_, drift) in enumerate(stages) if drift)
 
     def step(a: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, Any]:
@@ -179,11 +178,11 @@ def composition(
     step: float | None = None,
     source: str = "",
 ) -> Splitting:
-    """Return the composition of Stormer-Verlet steps of the sizes `coefficients` times h, one after the other.
+    """Return the composition of successive Stormer-Verlet steps of the sizes `coefficients` times h.
 
-    Each begins and ends with half a drift, or half a kick with `first="kick"`; halves that meet are done as one.
-    Coefficients that read the same from both ends make a symmetric method, of even order. Raises StatementError if
-    they do not add up to 1 or the order is not the claimed one.
+    Each begins and ends with half a drift, or half a kick with `first="kick"`. Adjacent halves are joined. Coefficients
+    that are equal in reverse order give a symmetric method, of even order. Raises StatementError if they do not add up
+    to 1, or if the order is not the claimed one.
     """
     if not isinstance(first, str) or first not in ("drift", "kick"):
         raise StatementError(f"first = {shown(first)}: a composition starts with a 'drift' or a 'kick'.")
@@ -216,8 +215,8 @@ def SymplecticEulerB(step: float | None = None) -> Splitting:
 def Verlet(step: float | None = None) -> Splitting:
     """Return the Stormer-Verlet method in position form, order 2: half a drift, a kick, half a drift.
 
-    The force is taken in the middle of the step. Its steps, and those of the velocity form, are the symplectic Euler
-    steps of either kind with half the step size, one after the other.
+    The force is evaluated in the middle of the step. A step consists of the two symplectic Euler steps with half the
+    step size; so does a step of the velocity form.
     """
     return composition((1.0,), name="verlet", order=2, step=step, source="Hairer, Lubich, Wanner, I.1.4")
 
@@ -234,12 +233,11 @@ def VelocityVerlet(step: float | None = None) -> Splitting:
 
 @built_in("leapfrog")
 def Leapfrog(step: float | None = None) -> Splitting:
-    """Return the leapfrog method, order 2: velocities half a step apart from the coordinates, both kept at full steps.
+    """Return the leapfrog method, order 2: velocities are advanced at half steps, coordinates at full steps.
 
-    Staggered velocities leap over the coordinates: v at t + h/2 is v at t - h/2 and one kick, and the coordinates
-    drift with it. A step starts and ends with half of a kick to have both at the same time, which makes it the same
-    map as the velocity form; `verlet` is the same leaps seen from the velocities' times: with half a drift before and
-    after, it is conjugate to them. All three have the same long-term behaviour.
+    v at t + h/2 is v at t - h/2 plus a kick, and the coordinates drift with it. To have both at the same time, a step
+    begins and ends with half a kick, as in the velocity form, which is the same map. `verlet` begins and ends with half
+    a drift instead and is conjugate to it. All three have the same long-term behaviour.
     """
     source = "Hockney, Eastwood, Computer Simulation Using Particles, 1981; Hairer, Lubich, Wanner, I.1.4"
     return composition((1.0,), name="leapfrog", order=2, first="kick", step=step, source=source)
@@ -274,5 +272,5 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return symmetric coefficients whose sum is 1, from the outer ones of one side."""
+    """Return symmetric coefficients with sum 1, from the outer ones of one side."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])

@@ -1,4 +1,4 @@
-"""The adaptive Taylor integrator: the Euler-Lagrange equation is the recurrence (see `lagrange.program.series`)."""
+"""The adaptive Taylor integrator. The recurrence of its coefficients is the Euler-Lagrange equation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ TOP_ORDER = 64
 class Taylor:
     """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (listed as 20).
 
-    `rtol` and `atol` are tolerances, `order` a fixed order from 4 to 64. Options that are None are the run's or chosen.
+    `rtol` and `atol` are tolerances, `order` is a fixed order from 4 to 64. An option that is None is that of the run,
+    or chosen by the method.
     """
 
     rtol: float | None = None
@@ -63,7 +64,7 @@ class Taylor:
         return Claims(order=self.order or 20, adaptive=True, events=True, dense=self.order or 20)
 
     def plan(self, problem: Problem) -> TaylorPlan:
-        """Return the plan; see `Planned`."""
+        """Return the plan of the method for a problem."""
         tolerances = adaptive_settings(
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=_margin
         )
@@ -73,13 +74,13 @@ class Taylor:
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem; see `Integrator`."""
+        """Return the trajectory of the problem."""
         return drive_by(self, problem, self.name)
 
 
 @dataclass(frozen=True, eq=False)
 class TaylorPlan:
-    """A series at an order, with tolerances. `impacts` are the events of the run, after the switching surfaces."""
+    """The plan of a series at an order, with tolerances. `impacts` are the events of the run, after the surfaces."""
 
     series: Series
     order: int
@@ -88,24 +89,24 @@ class TaylorPlan:
 
     @cached_property
     def form(self) -> str:
-        """The order, and how the series is computed; see `Plan`."""
+        """The order, and one word on how the series is computed."""
         return f"order {self.order}, {self.series.form(self.order)}"
 
     writes_outputs = True
 
     @property
     def watched(self) -> bool:
-        """True if there are events or switching surfaces; see `Plan`."""
+        """True if there are events or switching surfaces."""
         return bool(self.series.program.watched)
 
     def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
-        """Return the driver, with unknown sides of surfaces (NaN); see `Plan`."""
+        """Return the driver. The sides of switching surfaces are undecided (NaN)."""
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return self.series.driver(self.order, parameters)
 
     def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the search for events and surface crossings, or None without any; see `Plan`."""
+        """Return the search for events and surface crossings, or None without any."""
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
@@ -115,7 +116,7 @@ class TaylorPlan:
         return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
-        """Return the dense output: the series themselves."""
+        """Return the dense output: the series of each step."""
         parameters = problem.parameter_array
         if watch is None:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
@@ -123,7 +124,7 @@ class TaylorPlan:
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state, with the first coefficients that are not finite in place of the entries that have them."""
+        """Return the state with not-finite coefficients in place of entries whose series has them."""
         parameters = problem.parameter_array
         sides = stated_sides(self.series.program, state.t, state.y, parameters)
         values = np.concatenate([parameters, sides])
@@ -139,14 +140,14 @@ class TaylorPlan:
 
 
 def _margin(rtol: float) -> float:
-    """Return the fraction of the tolerances that the error of a step is aimed at."""
+    """Return the fraction of the tolerances at which steps aim."""
     return STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots to be watched, of the equations and of the events, with their arguments.
+    """Return the square roots to be watched, of the equations and of the events, each with its radicand.
 
-    An event that is a root itself is watched as the event.
+    An event that is itself a root is watched as the event.
     """
     if not events:
         return model.square_roots
@@ -155,7 +156,7 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
 
 
 def watched_names(problem: Problem) -> list[str]:
-    """Return the names of surfaces and events in the user's symbols: the surfaces first."""
+    """Return the names of surfaces, then of events, in the user's symbols."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
     square_roots = _square_roots(model, events)
@@ -163,7 +164,7 @@ def watched_names(problem: Problem) -> list[str]:
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
-    # SymPy would print sqrt(x**2) as Abs(x), which is the form that the message asks for.
+    # SymPy would print sqrt(x**2) as Abs(x), the form that the message recommends.
     bases = [model.equations.express(base) for base in square_roots.values()]
     names = [formula(expression.xreplace(plain), 80) for expression in (*shown, *bases)]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]

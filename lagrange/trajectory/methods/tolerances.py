@@ -1,4 +1,4 @@
-"""Tolerances and step sizes of a run: the defaults, and checks of the given ones against the method."""
+"""Tolerances and step sizes of a run: the defaults, and checks of the user's values for a method."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
 """
 
 EQUAL_STEPS = 1000
-"""Number of equal steps of a run if no step is given; the status card says so."""
+"""Number of equal steps of a run if no step is stated; the status card reports it."""
 
 STEPS_UNDER_BRIEF_FORCE = 1000
-"""Least number of adaptive steps of a run if a force may act for a short time (`Structure.brief`).
-
-A system at rest would step over it without an error.
+"""Least number of adaptive steps of a run if a force may act for a short time (`Structure.brief`). A system at rest
+would step over it without an error.
 """
 
 LEAST_RTOL = 100 * 2.0**-52
-"""A smaller relative tolerance exceeds the precision of doubles."""
+"""Smallest relative tolerance. Below it rounding exceeds the tolerance."""
 
 
 def step_size(value: Any) -> float:
@@ -42,7 +41,7 @@ def step_size(value: Any) -> float:
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
-    """Refuse options of a method that no run could use, when the method is made."""
+    """Raise StatementError for options that no run could use. It is called when a method is made."""
     if step is not None:
         step_size(step)
     for what, value in (("rtol", rtol), ("atol", atol)):
@@ -60,11 +59,11 @@ def adaptive_settings(
     least: float = LEAST_RTOL,
     margin: Callable[[float], float] = lambda rtol: 1.0,
 ) -> Tolerances:
-    """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
+    """Return the tolerances of an adaptive method: those of the run, else of the method, else the defaults.
 
-    The default absolute tolerance follows the scale of each entry; see `FLOOR_SHARE`. What both give must be the same.
-    `least` is the smallest relative tolerance that the method can use. `margin` maps rtol to the fraction of the
-    tolerances that the method's steps aim at.
+    The default absolute tolerance follows the scale of each entry, by `FLOOR_SHARE`. If both give a value, it must be
+    the same. `least` is the smallest relative tolerance that the method can use. `margin` maps rtol to the fraction of
+    the tolerances at which the method's steps aim.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
@@ -87,7 +86,7 @@ def adaptive_settings(
 def fixed_settings(
     name: str, problem: Problem, step: float | None, rtol: float | None, atol: float | None
 ) -> Tolerances:
-    """Return the step of a fixed-step method: the run's, else the method's own, else a thousandth of the span."""
+    """Return the step of a fixed-step method: that of the run, else of the method, else a thousandth of the span."""
     check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
@@ -110,13 +109,13 @@ def fixed_settings(
 
 
 def check_problem(name: str, problem: Problem) -> None:
-    """Refuse an argument that is not a problem."""
+    """Raise StatementError for an argument that is not a problem."""
     if not isinstance(problem, Problem):
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
 def check_holonomic(name: str, problem: Problem) -> None:
-    """Refuse constraints stated in velocities, and coordinates without inertia, whose equations are such."""
+    """Raise StatementError for constraints stated in velocities; coordinates without inertia cause such constraints."""
     check_problem(name, problem)
     equations = problem.model.equations
     held = equations.stated
@@ -136,7 +135,7 @@ def check_holonomic(name: str, problem: Problem) -> None:
 
 
 def check_unconstrained(name: str, problem: Problem) -> None:
-    """Refuse a system with constraints, for a method that moves momenta by the forces of the Lagrangian alone."""
+    """Raise StatementError for a system with constraints, if a method uses only the forces of the Lagrangian."""
     check_problem(name, problem)
     if problem.model.equations.first_order:
         raise StatementError(
@@ -152,7 +151,10 @@ def check_unconstrained(name: str, problem: Problem) -> None:
 
 
 def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
-    """Return a tolerance: that of the run, else that of the method, else None."""
+    """Return a tolerance: that of the run, else that of the method, else None.
+
+    Two different ones raise StatementError.
+    """
     given = [_number(what, value) for value in (asked, own) if value is not None]
     if len(given) == 2 and given[0] != given[1]:
         raise StatementError(

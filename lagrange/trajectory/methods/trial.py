@@ -1,6 +1,6 @@
-"""Trial vectors: a user's step function is called with them to find out what it computes.
+"""Trial vectors: a user's step function is called with them to determine what it computes.
 
-They stand for the state and the slopes, and allow linear combinations only; any other operation is refused with a
+They represent the state and the slopes, and allow only linear combinations. Any other operation raises an error with a
 message.
 """
 
@@ -30,7 +30,7 @@ BRANCH = "it compares a vector: a step cannot branch on the state"
 
 
 def refusal(name: str, what: str) -> StatementError:
-    """Return the error that says what a step function does and what it may do."""
+    """Return the error that says what a step function did and what it may do."""
     return StatementError(
         f"the step function {name} cannot be used: {what}. A step adds vectors and multiplies them by numbers made of "
         "t and h."
@@ -38,19 +38,19 @@ def refusal(name: str, what: str) -> StatementError:
 
 
 def kind_of(thing: object) -> str:
-    """Return words for the type of an object, for messages."""
+    """Return a description of the type of an object, for messages."""
     if isinstance(thing, Fraction) and thing.denominator == 1:
         thing = thing.numerator
     return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
 
 
 def number(value: Real) -> Coefficient:
-    """Return the number, as a fraction where it is exact."""
+    """Return a number, as a fraction if it is exact."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
 class TrialVector:
-    """A linear combination of the state and the slopes, with plain numbers as coefficients."""
+    """A linear combination of the state and the slopes with numeric coefficients."""
 
     def __init__(self, name: str, terms: Mapping[int, Coefficient]) -> None:
         self._name = name

@@ -1,10 +1,10 @@
 """Variational integrators: steps from a discrete principle of least action, in momenta p = dL/dv and forces.
 
-Each is symplectic in (q, p) for any mass matrix, and takes forces and dissipation by the principle of Lagrange and
-d'Alembert; time may be explicit. The unknowns are velocities, the last of them the one at the end of the step, which
-has the momentum that the step leads to.
-Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta Numerica 10, 2001, sections 2.3,
-2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VI.6.
+Each is symplectic in (q, p) for any mass matrix. Forces and dissipation enter by the principle of Lagrange and
+d'Alembert; time may be explicit. The unknowns are velocities; the last is the velocity at the end of the step, which
+has the momentum there. Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta Numerica
+10, 2001, sections 2.3, 2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006,
+VI.6.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Momenta = Callable[..., tuple[Any, Any]]
 
 
 def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take a step whose discrete action is h L at the midpoint and mean velocity."""
+    """Return (q, v) after a step with the discrete action h L at the midpoint and mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -36,7 +36,7 @@ def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Call
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Take a step whose discrete action is the mean of h L at both ends, at the mean velocity."""
+    """Return (q, v) after a step whose discrete action is the mean of h L at both ends, at the mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -61,7 +61,7 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Take a step."""
+        """Return (q, v) after a step."""
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
@@ -79,12 +79,11 @@ class Galerkin:
 
 
 def mean_value_gradient(points: int) -> Galerkin:
-    """Return the step along the mean of the gradient of the energy on the straight line of the step in (q, p).
+    """Return the step along the mean gradient of the energy on the straight line of the step in (q, p).
 
-    The energy changes by the mean gradient times the step, which is perpendicular to it. So it is conserved as exactly
-    as Gauss's quadrature in `points` points is.
-    Source: R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C.
-    Lubich, G. Wanner, Geometric Numerical Integration, V.5.
+    The energy changes by the product of mean gradient and step, which are perpendicular. So it is conserved as exactly
+    as Gauss's quadrature with `points` points is. Source: R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans.
+    R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, V.5.
     """
     _, b, c = gauss_tableau(points)
     return Galerkin(tuple(tuple(ci * weight for weight in b) for ci in c), b, c)
@@ -113,13 +112,13 @@ def VariationalTrapezoid(step: float | None = None) -> ImplicitMethod:
 
 @built_in("galerkin4")
 def Galerkin4(step: float | None = None) -> ImplicitMethod:
-    """Return the Galerkin variational integrator in 2 Gauss points, order 4, symplectic for any mass matrix."""
+    """Return the Galerkin variational integrator with 2 Gauss points, order 4, symplectic for any mass matrix."""
     return _method("galerkin4", 4, GALERKIN4, step, symplectic=True, a_stable=True)
 
 
 @built_in("galerkin6")
 def Galerkin6(step: float | None = None) -> ImplicitMethod:
-    """Return the Galerkin variational integrator in 3 Gauss points, order 6, symplectic for any mass matrix."""
+    """Return the Galerkin variational integrator with 3 Gauss points, order 6, symplectic for any mass matrix."""
     return _method("galerkin6", 6, GALERKIN6, step, symplectic=True, a_stable=True)
 
 

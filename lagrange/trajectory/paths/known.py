@@ -1,4 +1,4 @@
-"""Dense output that returns exactly the output states of a run at their times."""
+"""Dense output that returns exactly the output states of a run at the output times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class OutputPath:
     """Output times (K,), rising or falling, their states (2n, K), and the path between them.
 
-    A run that kept only its outputs has no path; `refusal` then gives the cause and the remedy.
+    A run that stored only its outputs has no path; `refusal` then gives the cause and the remedy.
     """
 
     times: FloatArray
@@ -25,7 +25,10 @@ class OutputPath:
     refusal: str = ""
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K). Raises RunError for times that are not known."""
+        """Return the states (2n, K) at times in any order.
+
+        Raises RunError for other than output times without a path.
+        """
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
         return sorted_along(forward, times, self._sorted)
 

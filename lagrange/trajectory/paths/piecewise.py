@@ -14,8 +14,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class PiecewisePath:
     """Dense output of a run with one interpolant per step: from times (K,) to states (2n, K).
 
-    `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first state, and
-    `interpolants` the functions between, from times (k,) to states (2n, k). At an edge the later one is used.
+    `edges` (steps + 1,) are the times of the accepted states, rising or falling. `start` (2n,) is the first state.
+    `interpolants` are the functions between edges, from times (k,) to states (2n, k). At an edge the later interpolant
+    is used.
     """
 
     edges: FloatArray
@@ -23,7 +24,7 @@ class PiecewisePath:
     interpolants: Sequence[Callable[[FloatArray], FloatArray]]
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K)."""
+        """Return the states (2n, K) at times (K,) in any order."""
         states = np.repeat(self.start[:, None], len(times), axis=1)
         if len(self.interpolants):
             forward = np.sign(self.edges[-1] - self.edges[0])

@@ -14,17 +14,16 @@ from lagrange.machine.backend import Places
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256
-"""Length of a step, in spacings of the solver's times, below which its path is a straight line.
-
-A polynomial of degree up to 12 through states at rounded times would oscillate.
+"""Length of a step, in spacings of the solver's times, below which its path is a straight line. A polynomial of degree
+up to 12 through states at rounded times would oscillate.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class StepInterpolant:
-    """The polynomial over one step with the `values` (k, 2n) at Chebyshev's points, from `begin` over `length`.
+    """The polynomial over one step, from `begin` over `length`, with `values` (k, 2n) at Chebyshev's points.
 
-    It passes through both accepted states; an interpolant of multistep formulas does so only up to the tolerance.
+    It passes through both accepted states. An interpolant of multistep formulas does so only up to the tolerance.
     """
 
     begin: float
@@ -40,9 +39,9 @@ class StepInterpolant:
         interpolant: Callable[[FloatArray], FloatArray],
         degree: int,
     ) -> StepInterpolant:
-        """Return the polynomial of a degree over a step between two `times` and the states at both `ends`.
+        """Return the polynomial of a degree over a step between two `times`, with the states at both `ends`.
 
-        `interpolant` takes the solver's `own` times (k,), between two others, to states (2n, k).
+        `interpolant` maps the solver's times (k,) to states (2n, k). `own` are its times at the two ends.
         """
         first, last = own
         x = nodes(degree)[:, None]
@@ -56,13 +55,13 @@ class StepInterpolant:
         return cls(times[0], times[1] - times[0], values)
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (k,), (2n, k)."""
+        """Return the states (2n, k) at times (k,)."""
         shares = _shares(len(self.values), (times - self.begin) / self.length)
         return np.asarray((shares @ self.values).T)
 
 
 class StepInterpolants(Sequence[StepInterpolant]):
-    """The polynomials over some steps, from number `first` on; each is sampled at its first access.
+    """The polynomials over a range of steps, from number `first` on. Each is sampled at its first access.
 
     Sampling takes as long as a step of a fast solver, and few runs need states between their steps.
     """
@@ -94,13 +93,13 @@ class SampledPath:
     interpolants: Sequence[StepInterpolant]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
         values = np.stack([self.interpolants[step].values for step in steps.tolist()])
         return np.asarray(np.moveaxis(_shares(values.shape[1], theta) @ values, -1, 0))
 
 
 def _shares(count: int, theta: FloatArray) -> FloatArray:
-    """Return the interpolation weights (K, count) of the values at `count` points, at fractions theta (K,).
+    """Return the interpolation weights (K, count) of values at `count` points, for fractions theta (K,).
 
     J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """

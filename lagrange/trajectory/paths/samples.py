@@ -8,7 +8,7 @@ from lagrange.machine.backend import FloatArray
 
 
 def divided(t: FloatArray, parts: int) -> FloatArray:
-    """Return times (K,) such that every interval of `t` is divided into equal parts."""
+    """Return times (K,) that divide every interval of `t` into `parts` equal parts."""
     if len(t) < 2 or parts < 2:
         return t
     inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]

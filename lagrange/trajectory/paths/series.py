@@ -1,4 +1,4 @@
-"""Dense output of Taylor steps: the series, computed again for the steps that are requested."""
+"""Dense output of Taylor steps: the series, computed again for the requested steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class SeriesPath:
     """Accepted steps, times (S+1,) and states (S+1, 2n), and the series that leads from each to the next.
 
-    `epochs` are pairs of a step number and the parameters and sides that hold from it on. `continuations` has the
+    `epochs` are pairs of a step number and the parameters and sides that are valid from it on. `continuations` has the
     dense output of steps without a series, by step number.
     """
 
@@ -28,13 +28,13 @@ class SeriesPath:
     continuations: Mapping[int, Callable[[FloatArray], FloatArray]] = field(default_factory=dict)
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K)."""
+        """Return the states (2n, K) at times (K,) in any order."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
     def _sorted(self, wanted: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times (K,) that are in the order of the run."""
+        """Return the states (2n, K) at times (K,) that are sorted in the direction of the run."""
         states = np.empty((self.states.shape[1], len(wanted)))
         if len(self.epochs) == 1 and not self.continuations:
             self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, wanted, states)
@@ -51,7 +51,7 @@ class SeriesPath:
         return states
 
     def _parts(self, found: Places) -> Iterator[tuple[FloatArray, slice]]:
-        """Yield parameters and sides of surfaces, with the slice of steps for which they hold.
+        """Yield parameters and sides of surfaces, each with the slice of the steps for which they are valid.
 
         `found` (K,) are the numbers of the steps that contain the times.
         """

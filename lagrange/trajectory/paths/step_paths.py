@@ -23,8 +23,8 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 class StepPath:
     """Accepted steps: times (S+1,), states (S+1, 2n), and the dense output of the method that took them.
 
-    Inside each step the path is a polynomial of a `kind`, of degree 16 at most, on which events are located. `tableau`
-    is that of an explicit Runge-Kutta method, whose stages define the path, else None.
+    On each step the path is a polynomial of a `kind`, of degree at most 16, on which events are located. `tableau` is
+    that of an explicit Runge-Kutta method, whose stages define the path, else None.
     """
 
     dense: DensePath
@@ -35,14 +35,14 @@ class StepPath:
 
     @property
     def joins(self) -> bool:
-        """True if the path of a step also uses a slope of the step before.
+        """True if the path of a step also uses a slope of the previous step.
 
-        The path of the first step uses the step after it.
+        The path of the first step uses the next step.
         """
         return self.kind.derivative
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K)."""
+        """Return the states (2n, K) at times (K,) in any order."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
@@ -53,21 +53,21 @@ class StepPath:
         return out
 
     def write(self, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at times (K,) in the order of the run to (2n, K), whose rows have no gaps."""
+        """Write the states at times (K,), sorted along the run, to `out` (2n, K), which must be contiguous."""
         self.dense.at(self.times, self.states, wanted, out)
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
         return np.asarray(polyval(theta, self.dense.coefficients(self.times, self.states, steps)))
 
 
 @dataclass(frozen=True, eq=False)
 class MotionsPath:
-    """Dense output of a run with resets, one path for each smooth piece, from times (K,) to states (2n, K).
+    """Dense output of a run with resets: one path for each smooth piece, from times (K,) to states (2n, K).
 
     `times` (S+1,) and `states` (S+1, 2n) are those of the run. `breaks` are the rows after which a new piece begins,
-    with the times and states at the end of the whole step before it, NaN if that step was not cut. `path` is a path
-    through some states of the run, for its kind.
+    with the times and states at the end of the whole step before it, NaN if that step was not shortened. `path` is a
+    path through some states of the run; it determines the kind.
     """
 
     times: FloatArray
@@ -76,7 +76,7 @@ class MotionsPath:
     path: StepPath
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K); at the time of a reset, the state after it."""
+        """Return the states (2n, K) at times (K,) in any order. At the time of a reset it is the state after it."""
         states = np.empty((self.states.shape[1], len(times)))
         rows = self.breaks[0][self.breaks[0] < len(self.times) - 1]
         forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
@@ -99,7 +99,7 @@ class MotionsPath:
 
 
 def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return the states (2n, K) at times in any order by a function of times that rise, or fall if not `forward`."""
+    """Return the states (2n, K) at times in any order. `at` needs times that rise, or fall if not `forward`."""
     rising = times if forward else -times
     if (rising[1:] >= rising[:-1]).all():
         return at(times)
@@ -119,20 +119,20 @@ def step_path(
     states: FloatArray,
     tableau: ButcherTableau | None = None,
 ) -> StepPath:
-    """Return the path of a kind through accepted times (S+1,) and states (S+1, 2n)."""
+    """Return the dense output of a kind through accepted times (S+1,) and states (S+1, 2n)."""
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
     return StepPath(dense, times, states, kind, tableau)
 
 
 def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:
-    """Return the path of an explicit Runge-Kutta method, by its stages."""
+    """Return the dense output of an explicit Runge-Kutta method, by its stages."""
     return step_path(problem.model, problem.parameter_array, _of_tableau(tableau), times, states, tableau)
 
 
 @lru_cache(maxsize=64)
 def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
-    """Return the dense output of a Runge-Kutta method."""
+    """Return the kind of dense output of a Runge-Kutta method."""
     if tableau.dense is None:
         raise AssertionError("a method is registered with its dense output")
     rows = np.zeros((len(tableau.rows), len(tableau.rows)))
@@ -144,7 +144,7 @@ def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
 
 
 def hermite_path(order: int) -> Callable[[Problem, FloatArray, FloatArray], StepPath]:
-    """Return the `path_of` function of a `StepPlan` for Hermite paths of a method of an order, of one degree less."""
+    """Return the `path_of` function of a `StepPlan`: Hermite paths for a method of an order, one degree lower."""
 
     def path(problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         kind = hermite_polynomial(max(3, order - 1))
