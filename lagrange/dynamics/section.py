@@ -300,7 +300,10 @@ def _border(
     row: int | None,
     done: Sequence[Crossings],
 ) -> tuple[FloatArray, ...]:
-    """Return the border lines of the region that the energy allows, for two coordinates of which one is drawn."""
+    """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
+
+    There are none unless the state has four entries, and the velocity in `row` follows from the energy.
+    """
     points = np.concatenate([orbit.states for orbit in done]) if done else np.empty((0, 0))
     names = runs.model.statement.state_names
     if energy is None or row is None or len(names) != 4 or len(points) < 2:

@@ -67,7 +67,7 @@ def parameter_of(statement: Statement, given: Any) -> str:
     if label in statement.names or label.removesuffix("_dot") in statement.names:
         raise StatementError(
             f"{label} is not a parameter but an entry of the state of {statement.name}: give its parameters "
-            f"{listing(known)}; other starts are starts=[...]."
+            f"{listing(known)}; give other starts as starts=[...]."
         )
     raise StatementError(
         f"{label!r} is not a parameter of {statement.name}; its parameters are {listing(known)}."

@@ -44,7 +44,7 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
     """Return the coefficients of `above` as a polynomial in the factors that `below` does not contain.
 
-    A common factor of `above` and `below` divides each of them.
+    A common factor of `above` and `below` divides every coefficient.
     """
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}

@@ -185,7 +185,7 @@ class Decisions:
 
     @cached_property
     def timeless(self) -> Verdict:
-        """True if dL/dt = 0."""
+        """True if dL/dt = 0, None if undecided."""
         return self._decided(
             not _depends_on(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
         )
@@ -195,7 +195,7 @@ class Decisions:
         return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
-        """Return the verdict on dL/dq_i = 0, for a coordinate without force or dissipation."""
+        """Return True if dL/dq_i = 0, None if undecided, for a coordinate without force or dissipation."""
         slope = self.laws.forces[i]
         return self._decided(
             self.absent(i), lambda point: _differs([slope], point), lambda stated: self._proven_cyclic(stated, i)
@@ -203,7 +203,10 @@ class Decisions:
 
     @cached_property
     def powerless(self) -> Verdict:
-        """True if -dL/dt + (Q - dD/dv) . v = 0, the rate of the energy if constraints do no work."""
+        """True if the power -dL/dt + (Q - dD/dv) . v is zero, None if undecided.
+
+        It is the rate of the energy if constraints do no work.
+        """
         if self.power_seen is not None or self._has_power:
             return self.power_seen
         if self._forceless and self.timeless is True:
@@ -212,7 +215,7 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """`powerless` decided only by absent symbols and by numbers, without algebra."""
+        """The verdict of `powerless` as far as absent symbols and numbers decide it, else None. No algebra is done."""
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
             return True
@@ -253,14 +256,14 @@ class Decisions:
 
     @cached_property
     def separable(self) -> Verdict:
-        """True if the momenta depend on velocities alone."""
+        """True if the momenta depend on velocities and parameters alone, None if undecided."""
         laws, moving = self.laws, [*self.laws.q, self.laws.time]
         absent = not any(_depends_on(p, moving) for p in laws.momenta)
         return self._decided(absent, lambda point: self._changes(laws.momenta, point), self._proven_separable)
 
     @cached_property
     def constant_mass(self) -> Verdict:
-        """True if the mass matrix is constant."""
+        """True if the mass matrix is constant along every motion, None if undecided."""
         laws, entries = self.laws, [entry for row in self.laws.mass for entry in row]
         moving = [*laws.q, *laws.v, laws.time]
         absent = not any(_depends_on(entry, moving) for entry in entries)
@@ -270,9 +273,9 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """True if the mass matrix is constant and M a is free of velocities, and so are the accelerations.
+        """True if the mass matrix is constant and M a is free of velocities, so that accelerations are too.
 
-        Undecided with constraints: their forces may depend on velocities.
+        None if undecided, and with constraints, whose forces may depend on velocities.
         """
         laws = self.laws
         if len(laws.constraints):
@@ -288,7 +291,10 @@ class Decisions:
         number: Callable[[Values], bool | None],
         proof: Callable[[StatedAlgebra], bool],
     ) -> Verdict:
-        """Return True if `absent`, False if `number` is True at a state, True if `proof` succeeds, else None."""
+        """Return the verdict on a property: True if `absent`, or if `proof` succeeds within the budget.
+
+        False if `number` is True at a random state, which is a counterexample. Else None.
+        """
         if absent:
             return True
         return False if any(number(point) for point in self._points) else self._by_algebra(proof)

@@ -166,7 +166,7 @@ class Derivation:
 
     @cached_property
     def momenta(self) -> Mapping[Any, Any]:
-        """{coordinate: dL/dv}."""
+        """Conjugate momenta, {coordinate: dL/dv}."""
         return self._short(
             "the momenta",
             lambda page: map(page.show, page.momenta),
@@ -190,7 +190,7 @@ class Derivation:
 
     @cached_property
     def momentum_rates(self) -> Mapping[Any, Any]:
-        """{coordinate: d/dt dL/dv}, collected in the accelerations."""
+        """Rates of the momenta, {coordinate: d/dt dL/dv}, collected in the accelerations."""
         return self._short(
             "the rates of the momenta",
             lambda page: page.accelerated(page.drifts),
@@ -199,7 +199,7 @@ class Derivation:
 
     @cached_property
     def gradient(self) -> Mapping[Any, Any]:
-        """{coordinate: dL/dq}."""
+        """Derivatives of L by the coordinates, {coordinate: dL/dq}."""
         return self._short(
             "the derivatives of the Lagrangian",
             lambda page: map(page.show, page.pulls),
@@ -208,12 +208,12 @@ class Derivation:
 
     @cached_property
     def drag(self) -> Mapping[Any, Any]:
-        """{coordinate: dD/dv}."""
+        """Derivatives of the dissipation D by the velocities, {coordinate: dD/dv}."""
         return self._each("the derivatives of the dissipation", lambda page: map(page.show, page.drags))
 
     @cached_property
     def right_sides(self) -> Mapping[Any, Any]:
-        """{coordinate: h} of M a = h + G^T lambda, the terms without accelerations."""
+        """Right-hand sides h of M a = h + G^T lambda, {coordinate: expression}."""
         return self._each("the equations of motion", lambda page: map(page.show, page.right_sides))
 
     @cached_property
@@ -299,7 +299,7 @@ class Derivation:
 
     @cached_property
     def energy_is_sum(self) -> bool:
-        """False if v.p - L is seen to differ from T + V, as in a rotating frame."""
+        """True unless the terms of T, or its values, show that v.p - L is not T + V, as in a rotating frame."""
         try:
             return not seen_jacobi(self.statement, self._page)
         except (TooLargeError, RecursionError):

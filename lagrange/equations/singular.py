@@ -87,8 +87,8 @@ def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
     """Return the combination of rows, or the motion, that is nearest to singular; None if an entry is not finite.
 
-    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are the factors of another state, so that rows that have
-    become smaller count as smaller. None balances the matrix at this state.
+    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are scale factors of another state: rows that have
+    become smaller since then count as smaller. With None the factors are those of this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):

@@ -307,7 +307,7 @@ class Algebra:
                         yield partner, sign, (rest, _addition_theorem(kind, other_kind, a, b, sign)), False
 
     def _join(self, left: Monomial, right: Monomial) -> tuple[Monomial, Any]:
-        """Return the product of two monomials, and a number from powers such as sqrt(2) sqrt(2)."""
+        """Return (monomial, number), whose product is that of two monomials: sqrt(2) sqrt(2) gives the number 2."""
         powers = dict(left)
         for k, e in right:
             raise_power(powers, k, e)

@@ -160,9 +160,9 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def pulls(self) -> list[MonomialSum]:
-        """Generalized forces dL/dq, for each coordinate.
+        """Generalized forces dL/dq, one for each coordinate.
 
-        For a turn: the derivative of L along it, plus p x (rates), about its axis.
+        For a small turn it is the derivative of L along the turn, plus the component of p x (rates) about its axis.
         """
         self.require_short_slopes()
         slopes = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
@@ -328,14 +328,14 @@ class TextbookAlgebra(StatedAlgebra):
         return self.solve_nested(block, matrix, bias)
 
     def solve_expanded(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns with the determinants multiplied out."""
+        """Return the unknowns of a block by cofactors, with the determinants multiplied out."""
         above, determinant = expanded_cofactors(self.algebra, matrix, bias)
         if not determinant:
             raise self.singular(block)
         return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
 
     def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns with the minors not multiplied out."""
+        """Return the unknowns of a block by cofactors; their minors are nested, not multiplied out."""
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):

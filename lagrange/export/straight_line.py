@@ -177,7 +177,7 @@ class StraightLinePrinter:
                 self._operation(i, one)
 
     def _factor(self, i: int, one: Instruction) -> None:
-        """Print the factorization of a matrix."""
+        """Print the factorization of a symmetric matrix, instruction number `i`."""
         name, n, language = f"f{i}", one.order, self.language
         self.needed["factor"] = None
         self.vectors[i] = name

@@ -257,7 +257,7 @@ def function_body(program: Program, language: Language, names: Mapping[int, str]
 
 
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
-    """Return a list or a call as lines; a long one is broken between its items, and inside of them."""
+    """Return a list or a call as lines. A long one is broken between its items; long items are broken too."""
     line = f"{before}{', '.join(items)}{after}"
     if len(line) <= TEXT_WIDTH:
         return [line]

@@ -196,7 +196,11 @@ def _at(point: StatedPoint) -> Mapping[Any, Any]:
 
 
 def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
-    """Return a sentence on the point; `left` are the unbalanced forces along the coordinates `names`."""
+    """Return a sentence on the expansion point: an equilibrium, a steady motion, or neither.
+
+    `left` are the unbalanced forces along the coordinates `names`. `balanced` is true if they are zero, `steady` if the
+    point is at rest or in a steady motion.
+    """
     form = point.form
     if balanced and steady:
         on_constraints = " on the constraints" if form.statement.constraints else ""

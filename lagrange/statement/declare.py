@@ -122,7 +122,7 @@ def declare(
 def _with_rotations(
     statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any, zeros: Mapping[str, Any]
 ) -> Statement:
-    """Return a statement with the inertia of its rotations along their lengths, and as people read it.
+    """Return a statement completed for its rotations: with an inertia along each quaternion, and with its `reading`.
 
     `typed` are the energies by name, `forces` and `dissipation` what the user gave, and `zeros` the expressions of the
     constraints by name, as typed.
@@ -520,7 +520,7 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
 
 
 def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
-    """Yield each constraint with its name."""
+    """Yield (name, constraint) for a list or a dict; in a list they are named constraint_1, constraint_2, ..."""
     if isinstance(given, Mapping):
         for name, stated in given.items():
             yield check_name(name, "constraint"), stated

@@ -197,15 +197,15 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
 
 
 def _with_gaps(one: Event, statement: Statement) -> Event:
-    """Return an event with the gaps of contacts as stated, the same object if it names none."""
+    """Return an event with each symbol `lagrange.gap(name)` replaced by the stated gap; the same object without one."""
     zero = one.expression.xreplace(statement.gaps) if statement.contacts else one.expression
     return one if zero == one.expression else replace(one, expression=zero)
 
 
 def _either_way(given: Any) -> Event:
-    """Return the event, of both directions, of a bare expression.
+    """Return the event of a bare expression: its rising and falling zeros.
 
-    Equal expressions give the same object, for caches keyed by it.
+    Equal expressions give the same object, because caches have events as keys.
     """
     return _kept(given) if isinstance(given, sympy.Expr) else event(given)
 
@@ -215,7 +215,9 @@ _kept = lru_cache(maxsize=256)(event)
 
 @lru_cache(maxsize=256)
 def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
-    """Return an event in a system's own parameters, the same object if it is so already.
+    """Return an event with the system's parameters in place of other symbols of the same names.
+
+    The same object if there are none.
 
     Cached, so that caches keyed by the result work.
     """

@@ -144,7 +144,7 @@ class Statement:
 
     @cached_property
     def as_read(self) -> Statement:
-        """The statement as people read it: in turns and rates of the bodies if it has rotations, else unchanged."""
+        """The statement for display. With rotations it is in small turns and rates of the bodies, else unchanged."""
         if self.reading is None:
             return self
         return self.reading.mapped(lambda expression: in_body_rates(expression, self.rotations))

@@ -26,7 +26,7 @@ RESULT, INDICATOR = "result", "indicator"
 class ScalarVariable:
     """A real variable of an FMU; `start` is its initial value.
 
-    For the derivative of a state `of` is the reference of that state.
+    `of` is used for the derivative of a state: it is the reference of that state.
     """
 
     name: str

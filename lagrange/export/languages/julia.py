@@ -30,7 +30,10 @@ LITERALS = Literals("Inf", "NaN")
 
 
 def _real(name: str, outside: str) -> str:
-    """Return a Julia function of x that calls `name`, but returns NaN where that raises an error: under `outside`."""
+    """Return the text of a Julia function of x: NaN if the condition `outside` holds, else the value of `name`.
+
+    Under that condition Julia's function raises an error.
+    """
     return f"{name}_of(x) = {outside} ? oftype(x, NaN) : {name}(x)\n"
 
 

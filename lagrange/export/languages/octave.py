@@ -39,9 +39,9 @@ def _helper(head: str, text: str) -> str:
 
 
 def _real(name: str, outside: str) -> str:
-    """Return a helper function of x that calls `name`, and returns NaN under `outside`.
+    """Return the text of a helper function of x: NaN if the condition `outside` holds, else the value of `name`.
 
-    There Octave's function has complex values.
+    Under that condition Octave's function has complex values.
     """
     return _helper(f"{name}_of(x)", f"if {outside}\n    r = NaN;\nelse\n    r = {name}(x);\nend")
 

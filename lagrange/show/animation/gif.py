@@ -106,7 +106,7 @@ class _Colours:
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return for each pixel its index in a table of 32 by 32 by 32 colours."""
+    """Return for each pixel the index of its colour in a grid of 32 by 32 by 32 colours, the keys of a table."""
     red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
     cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
     return cells

@@ -209,7 +209,7 @@ def violation(solution: Solution) -> PanelQuantity:
 
 
 def expression(solution: Solution, given: Any) -> PanelQuantity:
-    """Return the quantity of an expression in coordinates, velocities, accelerations, multipliers, parameters and t."""
+    """Return the panel quantity of an expression in the symbols of a system, accelerations and multipliers included."""
     label = row_label(given)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))

@@ -89,7 +89,7 @@ class LatexNotation(Notation):
         return "\\begin{pmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{pmatrix}"
 
     def transposed(self, matrix: str) -> str:
-        """Return G^T."""
+        """Return the transpose of a matrix that is named by a letter, such as G^T."""
         return f"{matrix}^T"
 
     def partial(self, above: str, below: str) -> str:

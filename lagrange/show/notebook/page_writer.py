@@ -72,7 +72,7 @@ def operations(statement: Statement) -> int:
 
 
 def _plain(latex: str) -> str:
-    """Return LaTeX without the sign that starts an HTML tag: some Markdown renderers see tags in formulas too."""
+    """Return LaTeX with a command in place of <, which some Markdown renderers take for the start of an HTML tag."""
     return latex.replace("<", r"\lt ")
 
 

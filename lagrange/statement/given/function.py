@@ -54,7 +54,7 @@ def _values(what: str, values: Any) -> Any:
 
 
 def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
-    """Return the message for an undeclared function of time, which is a coordinate or a given motion."""
+    """Return the message for an undeclared function of time: it may be meant as a coordinate or as a given motion."""
     return (
         f"{name} is a function of time, and the coordinates that were declared are {listing(coordinates)}. Is {name} a "
         f"coordinate or a given motion? A coordinate, whose motion is found, is lg.coordinate({name!r}) and stands in "

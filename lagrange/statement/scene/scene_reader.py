@@ -359,7 +359,7 @@ class SceneReader:
         return reader
 
     def measured(self, reader: ExpressionReader, name: str) -> Any:
-        """Return the expression of a table of measured values over an expression."""
+        """Return the spline of the table `name` of measured values, as a SymPy expression."""
         entry = self.document.value("tables", name)
         if not isinstance(entry, Mapping) or set(entry) != set(TABLE_KEYS):
             self.document.refuse(

@@ -230,7 +230,11 @@ class SharedText:
         return self._joined(parts, f"({text}{last})", ATOM)
 
     def _last(self, node: Any, kind: Any) -> Text:
-        """Return the text of the last branch. One with branches has a definition: they would count as further ones."""
+        """Return the text of the last branch.
+
+        If it has branches itself, it gets a definition: read back, nested branches would become branches of the outer
+        condition.
+        """
         entry = self._part(node)
         if isinstance(node, kind) and entry.text.startswith("("):
             entry = self._known[node] = self._defined(entry)

@@ -118,7 +118,7 @@ class TypedReader:
         """Return the clauses of a text, and a reader with the symbols that it defines. `what` is its label."""
         if len(text) > LONGEST_ANSWER:
             raise StatementError(
-                f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
+                f"the text has {len(text)} characters, and an answer may have {LONGEST_ANSWER}: shorten it."
             )
         clean, spans = equation_spans(text, self._is_coordinate)
         for begin, end in spans:

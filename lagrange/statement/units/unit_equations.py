@@ -117,7 +117,7 @@ def _replaced(node: Any) -> bool:
 
 
 class Factor(NamedTuple):
-    """The unknown factor of the unit of a symbol, or of a required quantity such as "energy"."""
+    """Unknown: the factor of the unit of a symbol, or of a required quantity such as "energy"."""
 
     of: Any
 
