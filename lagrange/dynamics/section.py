@@ -100,7 +100,7 @@ def on_level(
 def _corrected(
     model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float, root: FloatArray
 ) -> FloatArray:
-    """Return states (2n, m) with a velocity near `root` of the energy."""
+    """Return states (2n, m) with the energy `energy`: the velocity in `row` is corrected, starting from `root` (m,)."""
     v = root
     for _ in range(ENERGY_CORRECTIONS):
         step = 1e-6 * np.abs(v) + 1e-9

@@ -154,7 +154,7 @@ class Statements:
 
 
 def body(function: Callable[..., Any], statements: Statements) -> list[str]:
-    """Return the lines of the body of one of the functions above in a language, indented by one level."""
+    """Return the body of `factored` or `solved` as lines in the language of `statements`, indented by one level."""
     statements_of_function = _statements(function)
     return [
         f"    {line}" for line in _Printer(statements, _changed(statements_of_function)).block(statements_of_function)

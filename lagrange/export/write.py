@@ -44,7 +44,7 @@ def export(
     events: Any,
     parameters: Mapping[Any, Any] | None,
 ) -> Exported:
-    """Write a model for a target into a folder, as `System.export` does; folders that it made go again if it fails."""
+    """Write a model for a target into a folder, as `System.export` does. If that fails, new folders are removed."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
     folder, created = _folder(path)

@@ -145,7 +145,7 @@ class Linearization(ShownAsPage):
 
 
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
-    """Return the linearization of a system, compared with its compiled model; see `lagrange.System.linearize`."""
+    """Return the linearization of a system about the point `at`, after comparing it with the compiled model."""
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement)
@@ -508,8 +508,9 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
 class TangentMotion:
     """Small motions on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    `speeds` and `places` are the dependent coordinates of the gradients G and of those of holonomic constraints. P has
-    the derivatives of constraints on velocities by places. `rates` are the rates of these three along the motion.
+    `speeds` and `places` choose the dependent coordinates, from G and from the gradients of holonomic constraints. `P`
+    has the derivatives of constraints on velocities by coordinates. `rates` are the time derivatives of G, of P and of
+    the gradients of holonomic constraints.
     """
 
     def __init__(

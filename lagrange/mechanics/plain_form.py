@@ -378,7 +378,7 @@ def prescribed(given: Any) -> Any:
 
 
 def real(given: Any, values: Mapping[Any, Any]) -> float:
-    """Return the real value of an expression in plain symbols, or NaN."""
+    """Return the value of an expression in plain symbols, or NaN if it has none or is not real."""
     value = number(given, values)
     return value.real if abs(value.imag) <= IMAGINARY * abs(value.real) else float("nan")
 

@@ -34,7 +34,7 @@ LARGEST_DIFFERENCE = 1e-7
 
 
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
-    """Return the linearization of a system, compared with its compiled model; see `lagrange.System.linearize`.
+    """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
 
     A system with rotations has it in small turns. Raises StatementError for a singular mass matrix, and for a point
     off the constraints.

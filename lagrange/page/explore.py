@@ -105,7 +105,7 @@ def explore(
 
 
 def _values(sliders: Sequence[Slider], values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the initial values and the parameters of sliders, by name."""
+    """Return the initial values and the parameters that the `values` of the sliders set, as two dicts by name."""
     initial = {slider.name: values[slider.name] for slider in sliders if slider.kind != PARAMETER}
     return initial, {slider.name: values[slider.name] for slider in sliders if slider.kind == PARAMETER}
 

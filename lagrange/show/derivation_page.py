@@ -198,7 +198,7 @@ class LatexPage(Page):
         return text + "\n\n\\end{document}\n"
 
     def rows(self, rows: Sequence[Formula | str]) -> Iterator[str]:
-        """Yield sentences, and formulas, short ones side by side."""
+        """Yield the rows as LaTeX: sentences, and formulas of which short ones stand side by side."""
         for spoken, part in groupby(rows, lambda row: isinstance(row, str)):
             if spoken:
                 yield from map(self.row, part)

@@ -184,7 +184,7 @@ MOST_WORDS = 16
 
 
 def text(value: Any, what: str) -> str:
-    """Return a text. Raises StatementError for anything else."""
+    """Return the value if it is a str. Raises StatementError, which names it `what`, for any other type."""
     if not isinstance(value, str):
         raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a text.")
     return value

@@ -431,7 +431,7 @@ def reading(
 
 
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
-    """Return the accelerations of a derivation with those of quaternions in place of those of turns.
+    """Return accelerations with those of quaternion entries in place of those of small turns.
 
     They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with
     |q|'' = 0.

@@ -460,7 +460,7 @@ def _largest(rows: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhasePanel:
-    """The phase plane of one coordinate, by its name, of some runs."""
+    """Panel with the phase plane of one coordinate, given by name, for one or more runs."""
 
     name: str
     solutions: tuple[Solution, ...]

@@ -59,7 +59,10 @@ class Contents:
         return [*self._rows(others), *rates, *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
-        """Return the panels of one entry of what=. Raises StatementError for an invalid one."""
+        """Return the panels for one entry of the argument `what` of a plot.
+
+        Raises StatementError for an invalid entry.
+        """
         if isinstance(what, str):
             if what in WHAT:
                 return self.named(what)

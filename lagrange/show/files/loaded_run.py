@@ -65,7 +65,7 @@ def _named(path: Any) -> str:
 
 
 def _check_sizes(sizes: Sequence[int], path: Any, most: float) -> None:
-    """Raise StatementError for too many arrays, or for more bytes in them than `most`."""
+    """Raise StatementError for a file with too many arrays, or with arrays of more than `most` bytes in all."""
     if len(sizes) > MOST_ARRAYS or sum(sizes) > most:
         raise StatementError(
             f"{_named(path)} has {counted(len(sizes), 'array')} of {sum(sizes):.3g} bytes together, and a run from a "

@@ -386,10 +386,7 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the last side is printed below the left side.
-
-        Then both are long, or the left side takes several lines.
-        """
+        """Return True if the last side is printed below the left side, because both do not fit into a line."""
         right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 

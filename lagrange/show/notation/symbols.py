@@ -92,7 +92,7 @@ def plain_text(sentence: str) -> str:
 
 
 def index_word(name: str) -> str:
-    """Return the LaTeX of an index: theta1 is a letter followed by a digit."""
+    """Return the LaTeX of a name as an index of another symbol: theta1 becomes a Greek letter and a digit."""
     letters, digits = _split_digits(name)
     return (word(letters) if letters else "") + digits
 

@@ -224,7 +224,7 @@ class Reader:
         return self.built(start, self._compared, signs, parts) if signs else parts[0]
 
     def sum(self) -> ParsedValue:
-        """Return the value of a chain such as a - b + c, which is one n-ary sum: two by two takes quadratic time."""
+        """Return the value of a chain such as a - b + c, built as one sum: term by term would take quadratic time."""
         start, parts, straight = self.token.offset, [self.product()], [True]
         while self.at("+", "-"):
             straight.append(self.take().text == "+")
@@ -495,7 +495,7 @@ class Expressions:
             self.constants[name] = value.double
 
     def enter(self, name: str, expression: Any) -> None:
-        """Enter the name of an expression that is not stated by a text, such as a table."""
+        """Define a name for an expression that is not given as text, such as a table."""
         self.names[name] = sympy.Dummy(name, real=True)
         self._done[self.names[name]] = expression
 

@@ -82,7 +82,7 @@ class UnevaluatedExpressions(Expressions):
         self.constants = {}
 
     def enter(self, name: str, expression: Any) -> None:
-        """Enter the name of an expression that is not stated by a text, such as a table."""
+        """Define a name for an expression that is not given as text, such as a table."""
         self.names[name] = expression
 
     def read(self, text: str) -> Any:

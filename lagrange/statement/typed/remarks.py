@@ -283,7 +283,7 @@ class Clause:
                 yield run[0].begin, run[-1].end
 
     def _is_unit(self, begin: int, end: int) -> bool:
-        """Return True if text[begin:end] is a unit of which one word is not a symbol."""
+        """Return True if text[begin:end] is a unit; at least one of its words is not a symbol of the system."""
         unit = _UNITS_ALONE.fullmatch(self.text, begin, end)
         return bool(unit) and any(word.kind != SYMBOL for word in self.words if begin <= word.begin < end)
 
