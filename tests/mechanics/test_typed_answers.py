@@ -488,9 +488,9 @@ def test_coordinates_in_brackets_before_several_equations_are_labels() -> None:
 def test_nested_functions_are_not_differentiated_to_find_small_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second derivatives of 24 squares of sines in one another take SymPy seconds."""
     statement = oscillator().statement
-    equations = read_equations("m x'' = " + "sin^2 " * 24 + "x", statement)
+    (equation,) = read_equations("m x'' = " + "sin^2 " * 24 + "x", statement)
     monkeypatch.setattr(sp, "diff", lambda *_: pytest.fail("a derivative was taken"))
-    assert wrong_term._small_angles(equations, statement) == ""
+    assert wrong_term._small_angles([equation.zero], statement) == ""
 
 
 def test_a_factor_of_a_high_power_is_not_factored() -> None:
@@ -522,6 +522,18 @@ def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> N
     assert oscillator().compare("m x'' + c x' + k x = m g + F cos(w t)")
     result = oscillator().compare("m x'' + c x' - k x = m g + F cos(w t)")
     assert not result and result.message == f"Equation 1 does not hold. {budget.UNNAMED}" and result.details
+
+
+def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An equation of few rates may have hundreds of terms in quaternions, and trying a slip takes a second."""
+    monkeypatch.setattr(wrong_term, "LONGEST_SLIP", 40)
+    monkeypatch.setattr(wrong_term, "_slips", lambda *_, **__: pytest.fail("slips are tried"))
+    assert not shared_scene("free-top").compare("J1*R_body_x_dot = -2*(J2 - J3)*R_body_y*R_body_z")
+
+
+def test_a_spent_budget_ends_every_expansion(monkeypatch: pytest.MonkeyPatch) -> None:
+    with budget.limited(0.0), pytest.raises(budget.BudgetSpent):
+        term_difference.expanded(sp.Symbol("x"))
 
 
 def test_a_fraction_of_a_number_with_a_large_exponent_is_not_built() -> None:

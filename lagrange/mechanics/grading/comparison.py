@@ -230,7 +230,7 @@ def compare_equations(
     result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
     with suppress(budget.BudgetSpent):
         budget.check_size(*(row.zero for row in rows))
-        slip = result.wrong and slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
+        slip = result.wrong and slip_of(rows, samples, alone=alone)
         remark = f" {slip}" if slip else ""
     label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
@@ -383,7 +383,7 @@ def _blamed(
             row = rows[wrong[0]]
             term = WrongTerm(f"{row.label[0].upper()}{row.label[1:]} does not hold. {budget.UNNAMED}")
             with suppress(budget.BudgetSpent):
-                budget.check_size(row.zero)
+                budget.check_size(*row.sides)
                 term = wrong_term(row, derivation, chosen, write)
             ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), index), (wrong, term)))
     return min(ranked, key=lambda choice: choice[0])[1]

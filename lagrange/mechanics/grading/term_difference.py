@@ -11,6 +11,7 @@ from typing import Any
 
 import sympy
 
+from lagrange.mechanics.grading.budget import LARGEST_EXPANSION, LARGEST_POWER, check_budget, expansion
 from lagrange.mechanics.grading.student_equations import HELD
 
 Numbers = list[Any]
@@ -24,9 +25,6 @@ LARGEST_MULTIPLE = 20
 
 MOST_TERMS = 2_000
 """Largest number of terms of an expanded sum in which a wrong term is searched."""
-
-LARGEST_POWER = 4
-"""Largest power of a sum that is multiplied out."""
 
 LARGEST_FACTOR = 1000
 """Largest denominator of a fraction that approximates a constant factor."""
@@ -100,10 +98,13 @@ def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
 def expanded(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after full expansion, powers and denominators included.
 
-    An expression with a large power of a sum is its only term.
+    An expression with a large power of a sum, or with too many terms, is its only term. Raises BudgetSpent if the time
+    is up.
     """
+    check_budget()
     powers = (power for power in expression.atoms(sympy.Pow) if power.base.is_Add)
     large = any(power.exp.is_Integer and abs(power.exp) > LARGEST_POWER for power in powers)
+    large = large or expansion(expression) > LARGEST_EXPANSION
     terms: tuple[Any, ...] = sympy.Add.make_args(expression if large else sympy.expand(_without_sums(expression)))
     return terms
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -36,6 +37,7 @@ def rate_symbols(statement: Statement) -> dict[Any, Any]:
     return rates | {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
 
 
+@lru_cache(maxsize=1)
 def right_terms(derivation: Derivation) -> list[Any]:
     """Return the terms of the equations of motion, the constraints, their rates and the masses, in plain symbols.
 
@@ -60,6 +62,7 @@ def _sharing(terms: Sequence[Any], parameter: Any) -> Any:
     return sympy.factor_terms(sympy.Add(*(term for term in terms if term.has(parameter))))
 
 
+@lru_cache(maxsize=1)
 def right_denominators(derivation: Derivation) -> list[Any]:
     """Return the denominators of the accelerations, in plain symbols, unless they are too large to write out."""
     statement = derivation.statement

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -16,6 +16,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
+from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.grading.one_change import evaluated, one_change
 from lagrange.mechanics.grading.student_equations import EquationRow, StudentEquation, row_of
@@ -53,44 +54,42 @@ Slip = tuple[str, Mapping[Any, Any]]
 """A sentence, and the substitution {symbol or function: replacement} that undoes the slip."""
 
 
-def slip_of(
-    equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample], *, alone: bool
-) -> str:
+def slip_of(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, alone: bool) -> str:
     """Return a sentence on the single slip whose correction makes all equations right, or "".
 
     `alone` is true if exactly one term is wrong. The message then names that term, so factors and directions of
-    coordinates are not tried.
+    coordinates are not tried. Raises BudgetSpent if the time is up.
     """
-    if sum(int(equation.zero.count_ops()) for equation in equations) > LONGEST_SLIP:
+    statement, zeros = rows[0].statement, [row.zero for row in rows]
+    if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
         return ""
     if len(statement.names) + len(statement.parameters) > MOST_SYMBOLS:
         return ""
-    for sentence, table in _slips(equations, statement, alone=alone):
-        corrected = [replace(equation, zero=equation.zero.xreplace(table)) for equation in equations]
-        if _all_hold(corrected, statement, samples):
+    for sentence, table in _slips(zeros, statement, alone=alone):
+        check_budget()
+        if _all_hold([zero.xreplace(table) for zero in zeros], statement, samples):
             return sentence
-    return _small_angles(equations, statement)
+    return _small_angles(zeros, statement)
 
 
-def _all_hold(equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample]) -> bool:
+def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> bool:
     try:
-        return all(row_of(equation, statement).holds(samples) for equation in equations)
+        return all(row_of(StudentEquation("", zero), statement).holds(samples) for zero in zeros)
     except StatementError:
         return False
 
 
-def _small_angles(equations: Sequence[StudentEquation], statement: Statement) -> str:
+def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
     """Return a sentence if the equations are those linearised about the zero of all coordinates, else ""."""
     moving = set(statement.plain.values())
-    bent = (part for equation in equations for part in equation.zero.atoms(sympy.Function, sympy.Pow))
-    if any(part.has(*moving) for part in bent):
+    if any(part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)):
         return ""
     pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
-    if any(sympy.diff(equation.zero, x, y) != 0 for equation in equations for x, y in pairs):
+    if any(sympy.diff(zero, x, y) != 0 for zero in zeros for x, y in pairs):
         return ""
     try:
         linear = small(statement, None, 2)
-        right = _all_hold(equations, linear, motion_samples(linear, 2))
+        right = _all_hold(zeros, linear, motion_samples(linear, 2))
     except StatementError:
         return ""
     return "These are the equations for small motions: the exact ones are asked for." if right else ""
@@ -115,9 +114,9 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
     return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
 
 
-def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone: bool) -> Iterator[Slip]:
+def _slips(zeros: Sequence[Any], statement: Statement, *, alone: bool) -> Iterator[Slip]:
     """Yield slips that the equations may contain, the most common first."""
-    used = {symbol for equation in equations for symbol in equation.zero.free_symbols}
+    used = {symbol for zero in zeros for symbol in zero.free_symbols}
     parameters = [p for p in statement.parameters if p in used]
     plain = list(statement.plain.values())
     coordinates = [tuple(plain[i : i + 3]) for i in range(0, len(plain), 3)]
@@ -126,7 +125,7 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
     for q, v, a in coordinates if not alone else ():
         turned = {q: -q, v: -v, a: -a}
         yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
-    circular = sorted({f for equation in equations for f in equation.zero.atoms(*_CIRCULAR)}, key=str)
+    circular = sorted({f for zero in zeros for f in zero.atoms(*_CIRCULAR)}, key=str)
     if circular:
         swapped = {f: sympy.cos(f.args[0]) if f.func is sympy.sin else sympy.sin(f.args[0]) for f in circular}
         yield "All is right with sine and cosine exchanged.", swapped
@@ -169,7 +168,11 @@ class WrongTerm:
 
 
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
-    """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
+    """Return the wrong term of an equation that does not hold. `write` turns an expression into text.
+
+    Raises BudgetSpent if the time is up.
+    """
+    check_budget()
     label = f"{row.label[0].upper()}{row.label[1:]}"
     constraints = row.statement.constraints
     part = wrong_momentum(row, derivation, samples, write)
