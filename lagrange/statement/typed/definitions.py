@@ -53,6 +53,11 @@ class Definition:
         sides = clause.sides()
         stated = is_constant(sides[-1])
         sides = sides[:-1] if stated else sides
+        if len(sides) > 2:  # p = m r^2 phi' = l: of the names the last one counts that other clauses have
+            unknown = [side for side in sides if len(side) == 1 and not names.readings(side[0].text)]
+            used = [side for side in unknown if uses.contain(canonical(side[0].text), clause)]
+            rest = [side for side in sides if side not in unknown]
+            sides = [used[-1], *rest] if used else sides
         words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
         marked = any(word.order or word.primes for word in words)
         if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:

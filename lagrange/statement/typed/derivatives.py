@@ -204,6 +204,8 @@ def _top(tokens: Sequence[Token], i: int) -> _Rate | None:
         elif _is_sign(tokens, i, *OPENING):
             operand = list(tokens[i : closing(tokens, i) + 1])
         i += len(operand)
+    if operand and [token.text for token in tokens[i : i + 3]] == ["(", "t", ")"]:
+        i += 3
     if bracket and not _is_sign(tokens, i, ")", "}"):
         return None
     return order, operand, i + bracket

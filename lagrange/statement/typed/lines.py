@@ -12,6 +12,9 @@ from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
 
 _COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*|^\s*\*\*[^*=\n]+\*\*:?\s*$", re.MULTILINE)
+_TABLE_ROW = re.compile(r"^([ \t]*)\|([^|=\n]*:[ \t]*)\|([^|\n]*)\|([ \t]*)$", re.MULTILINE)
+"""A row of a Markdown table: a label and an equation."""
+
 _CODE = re.compile(r"(?<![\w)\]}'`])`([^`\n]+)`(?!`)")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
@@ -20,7 +23,9 @@ _LABEL = re.compile(
 _BULLET = re.compile(r"\s*[-*](?=\s+[-(A-Za-z\\])")
 _COORDINATE = re.compile(r"\s*\(\s*([^\W\d_]\w*)\s*\)(?=\s+[^\s=+*/^-])")
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
-_TRAILING_LABEL = re.compile(r"(?<=\s)\(\s?[0-9]{1,2}[a-z]?\s?\)$")
+_TRAILING_LABEL = re.compile(
+    r"(?:(?<=\s)\(\s?(?:[0-9]{1,2}[a-z]?|i{1,3}|iv|\*{1,3})\s?\)|\.{2,}\s*\(?[0-9a-zA-Z*]{1,4}\))$"
+)
 _END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
@@ -45,6 +50,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     a label, and if it is back at the indentation of an equation whose further lines are indented. Raises
     StatementError for a matrix that is not read.
     """
+    text = _TABLE_ROW.sub(r"\1 \2 \3 \4", text)
     blanked = with_marks(_CODE.sub(r" \1 ", _blank(_COMMENT, text)))
     if _MATRIX.search(blanked):
         raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")

@@ -78,7 +78,8 @@ class Names:
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:
                     plain = spelling not in defined  # dV/dx is no quotient of rates
-                    keys = _spellings(spelling, order, short="d" not in self.exact, joined=plain)
+                    short = [letter for letter in "dp" if letter not in self.exact]
+                    keys = _spellings(spelling, order, short, joined=plain)
                     self.spellings |= dict.fromkeys(keys, piece)
         self.spellings |= {canonical(name): piece for name, piece in self.exact.items() if not piece.base}
         rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
@@ -171,12 +172,12 @@ def canonical(name: str) -> str:
     return "".join(GREEK.get(mark, mark) for mark in name if mark != "_" and mark not in "[] ")
 
 
-def _spellings(base: str, order: int, *, short: bool, joined: bool) -> list[str]:
+def _spellings(base: str, order: int, short: Iterable[str], *, joined: bool) -> list[str]:
     """Return the spellings of a derivative of a coordinate, without underscores: theta1dot, thetadot1.
 
-    If `short` is true, theta1d is one, too, and dtheta1 if `joined` is true.
+    With the letters `short`, theta1d and theta1p are such, too, and dtheta1 if `joined` is true.
     """
-    endings = [*SPELLINGS[order], *["d" * order] * short]
+    endings = [*SPELLINGS[order], *(letter * order for letter in short)]
     key = canonical(base)
     head = key.rstrip("0123456789")
     index = key[len(head) :]

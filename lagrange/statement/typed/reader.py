@@ -6,8 +6,10 @@ on length, depth and work apply, and no code is run.
 
 from __future__ import annotations
 
+import random
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -28,7 +30,7 @@ from lagrange.statement.typed.matrices import rows_of
 from lagrange.statement.typed.names import RATES, Names, canonical
 from lagrange.statement.typed.remarks import Clause
 from lagrange.statement.typed.tokens import Token, bracketed, tokens_of
-from lagrange.statement.vocabulary.letters import WORD
+from lagrange.statement.vocabulary.letters import GREEK, WORD
 
 LONGEST_TEXT = 8_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
@@ -41,6 +43,18 @@ _VALUE = sympy.Dummy("value", real=True)
 
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 """Words with marks that mean derivatives in formulas: Newton's, für."""
+
+_FREE = re.compile(rf"[A-Za-z](?:_?[0-9A-Z]|_[a-z])?|{'|'.join(GREEK.values())}")
+"""A name that is not a symbol and may be a factor of both sides of an equation."""
+
+MOST_FREE = 3
+"""Most such names in one equation."""
+
+EQUAL = 1e-20
+"""Largest difference of equal numbers of 30 digits, relative to these or to 1."""
+
+_SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
+"""Words and signs on a line with an equation for small motions."""
 
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
 """Words before a colon after which an equation holds at rest only."""
@@ -160,6 +174,7 @@ class TypedReader:
     def _all(self, text: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
         """Return the equations of clauses. Raises StatementError for faults, and if all clauses are remarks."""
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
+        exact = any(self.names.order(one.tokens) > 1 and not self._is_small(text, one) for one in clauses)
         for clause in clauses:
             if clause.is_value():
                 continue
@@ -168,10 +183,15 @@ class TypedReader:
             narrow = clause.equation(moves=moves)
             named = len(clause.tokens) == 3 and self._is_integral(*clause.sides())  # x' = v
             aside = not moves and (clause.aside or introduced or named or narrow[0] > clause.begin)
+            aside |= exact and self._is_small(text, clause)
             try:
                 equations = self._without_remarks(clause, *narrow)
             except _Faults as error:
-                left_out = clause.is_law(clause.begin, clause.end) or introduced or (not moves and clause.is_remark())
+                remark = clause.is_remark()
+                words = [side for side in clause.part(*narrow).sides() if any(one.kind == "word" for one in side)]
+                foreign = [self._is_foreign(side) for side in words]
+                left_out = clause.is_law(clause.begin, clause.end) or introduced or (len(foreign) > 0 and all(foreign))
+                left_out |= (any(foreign) and remark) if moves else (any(foreign) or remark)
                 (remarks if left_out else faults).extend(error.faults)
                 continue
             line = _line(text, clause.begin)
@@ -194,6 +214,11 @@ class TypedReader:
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
         sentence = _STILL.search(above) or self._clause(above, 0, len(above)).is_remark(introduces=True)
         return bool(colon and sentence and not rest.strip())
+
+    @staticmethod
+    def _is_small(text: str, clause: Clause) -> bool:
+        """Return True if the line of a clause says that it holds for small motions."""
+        return bool(_SMALL.search(text, text.rfind("\n", 0, clause.begin) + 1, clause.end))
 
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""
@@ -223,6 +248,9 @@ class TypedReader:
         """Return the readings of one equation by its sides. Raises _Faults."""
         faults = [fault for side in sides for fault in faults_of(side, self.names)]
         if faults:
+            free = self._without_free_names(sides, begin)
+            if free:
+                return free
             faults[0].read = self._read_before(sides, faults[0].place)
             raise _Faults(faults)
         choices = Choices()
@@ -240,6 +268,32 @@ class TypedReader:
             with suppress(_Faults):
                 readings.append(self._built(formula, begin))
         return tuple(readings)
+
+    def _without_free_names(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
+        """Return the readings with 1 for names without meaning that are factors of both sides; () if there are none.
+
+        The radius R of a pulley is such a name in (T1 - T2) R = 1/2 M R^2 x''/R.
+        """
+        words = [token for side in sides for token in side if token.kind == "word" and not self._reads(token.text)]
+        names = Counter(canonical(word.text) for word in words)
+        if not 0 < len(names) <= MOST_FREE or not all(_FREE.fullmatch(name) and names[name] > 1 for name in names):
+            return ()
+        symbols = {name: sympy.Symbol(name, positive=True) for name in names}
+        reader, ones = TypedReader(self.symbols | symbols, self.others), dict.fromkeys(symbols.values(), sympy.S.One)
+        try:
+            readings = reader._readings_of(sides, begin)
+        except _Faults:
+            return ()
+        return tuple(
+            Reading(
+                reading.zero.xreplace(ones),
+                reading.right.xreplace(ones),
+                reading.read,
+                tuple(one.xreplace(ones) for one in reading.differentiated),
+            )
+            for reading in readings
+            if all(_is_factor(symbol, reading.zero) for symbol in ones)
+        )
 
     def _read_before(self, sides: Sequence[Sequence[Token]], place: int) -> str:
         """Return the strict text of the equation before an offset, without operators at its end."""
@@ -323,7 +377,7 @@ class TypedReader:
         plain = [
             side
             for side in sides
-            if is_constant(side) or not (side in laws or self._is_foreign(side, side in sides[1:-1]))
+            if is_constant(side) or not (side in laws or self._is_foreign(side, between=side in sides[1:-1]))
         ]
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(self.names.order(side) > 1 for side in sides):
@@ -335,7 +389,7 @@ class TypedReader:
             return [[[Token("rate", "1", begin, begin), *bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
-    def _is_foreign(self, side: Sequence[Token], between: bool) -> bool:
+    def _is_foreign(self, side: Sequence[Token], *, between: bool = False) -> bool:
         """Return True if a side has unknown names and no other fault; and no symbols, unless it is between others."""
         faults = faults_of(side, self.names)
         words = sum(token.kind == "word" for token in side)
@@ -451,6 +505,19 @@ class _Faults(Exception):
 def _reading(values: Sequence[Any], read: str, differentiated: Sequence[Any] = ()) -> Reading:
     right = values[1] if len(values) > 1 else sympy.S.Zero
     return Reading(values[0] - right, right, read, tuple(differentiated))
+
+
+def _is_factor(symbol: Any, expression: Any) -> bool:
+    """Return True if an expression is a power of a symbol times a factor without it, or zero, at two random points."""
+    others = sorted(expression.free_symbols - {symbol}, key=str)
+    pairs = []
+    for seed in (1, 2):
+        dice = random.Random(seed)
+        point = {other: sympy.Float(dice.uniform(0.5, 1.5), 30) for other in others}
+        pairs.append([sympy.N(expression.xreplace(point | {symbol: sympy.Integer(x)}), 30) for x in (1, 2)])
+    (a, b), (c, d) = pairs
+    numbers = all(x.is_Float or x.is_Integer for x in (a, b, c, d))
+    return bool(numbers and abs(a * d - b * c) <= EQUAL * max(abs(a * d), 1))
 
 
 def _line(text: str, place: int) -> int:

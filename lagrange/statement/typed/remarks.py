@@ -33,17 +33,19 @@ _UNREAD = ("squared", "divided", "geteilt", "multiplied")
 """Words for operations that are not read."""
 
 _NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
-"""Words that may not precede an equation."""
+"""Words that may not precede an equation, unless a comma and a connecting word follow."""
+
+_AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 """Words without a meaning of their own, so that they do not make prose out of symbols."""
 
-_ARROW = re.compile(rf"=>|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
+_ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
 _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
-_UNITS_ALONE = re.compile(rf"\s*{_UNITS}[\s.]*")
+_UNITS_ALONE = re.compile(rf"\s*(?:{_UNITS}|\w+\s+in\s+{_UNITS}(?:,\s*\w+\s+in\s+{_UNITS})*)[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
 _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
 _PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
@@ -57,6 +59,7 @@ _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
 _NEVER = re.compile(r"[=^|\\]")
 _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
+_STATEMENT_END = re.compile(r"(?<!\S)[(\[][^()\[\]=]*=[^()\[\]]*([)\]]\s*[,;])")
 _DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*:?=")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 
@@ -169,14 +172,15 @@ class Clause:
         asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
         cuts += [(match.span(), True) for match in asides if not self.names.readings(match.group())]
         cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
-        prose = ((left, right) for left, right in self._prose() if "=" in text[begin:left] and "=" in text[right:end])
+        cuts += [(match.span(1), False) for match in _STATEMENT_END.finditer(text, begin, end)]
+        prose = ((left, right) for left, right in self._prose() if "=" in text[begin:left])
         cuts += [(span, False) for span in prose]
         clauses, start, aside = [], begin, False
         for (left, right), opens in sorted(cuts):
             if opens and "=" not in text[start:left] and text[start:left].strip():
                 continue
             clauses.append(self._trimmed(start, left, aside))
-            start, aside = right, opens or aside
+            start, aside = right, opens or (aside and text[left] not in CLOSE)
         clauses.append(self._trimmed(start, end, aside))
         parts = (one._trimmed(*span, one.aside) for one in clauses for span in separated(text, one.begin, one.end))
         return [clause for clause in parts if clause.end > clause.begin]
@@ -219,7 +223,8 @@ class Clause:
         last = [word for word in self.words if begin < word.begin < end and self._is_connecting(word)][-1:]
         if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
             end = last[0].begin
-        if self.text[begin:end].lstrip().startswith(("=", "+", "*", "/", "^")):
+        signs = ("=", "*", "/", "^") if cut and self._is_connecting(run[cut - 1]) else ("=", "+", "*", "/", "^")
+        if self.text[begin:end].lstrip().startswith(signs):
             begin = self.begin
         while end > begin and self.text[end - 1] in _PUNCTUATION:
             end -= 1
@@ -268,19 +273,25 @@ class Clause:
         """Return the words from an index on with only blanks and punctuation before, and between them."""
         place, run = self.words[first].begin if first else self.begin, list[Word]()
         for word in self.words[first:]:
-            stops = word.kind in (FORMULA, NAME) or self._spelled(word) in _NEGATIONS
-            if stops or self.text[place : word.begin].strip(_PUNCTUATION):
+            negated = self._spelled(word) in _NEGATIONS and not _AFTER_COMMA.match(self.text, word.end, self.end)
+            if negated or word.kind in (FORMULA, NAME) or self.text[place : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
             place = word.end
         return run
 
     def _prose(self) -> Iterator[tuple[int, int]]:
-        """Yield the spans of several words in a row, such as "we get", of which none is a symbol and one connects."""
+        """Yield the spans of several words in a row without symbols: three, or two with a connecting one: "we get".
+
+        An equation follows, or they are the end and begin with "and".
+        """
         for i in range(1, len(self.words)):
             run = [*takewhile(lambda word: word.kind in (WORD, SHORT), self._introduction(i))]
-            if len(run) > 1 and any(map(self._is_connecting, run)):
-                yield run[0].begin, run[-1].end
+            plain = [word.kind for word in run].count(WORD)
+            if plain > 2 or (len(run) > 1 and any(map(self._is_connecting, run))):
+                rest = self.text[run[-1].end : self.end]
+                if "=" in rest or (not rest.strip(_PUNCTUATION) and self._spelled(run[0]) in _JOINING):
+                    yield run[0].begin, run[-1].end
 
     def _is_unit(self, begin: int, end: int) -> bool:
         """Return True if text[begin:end] is a unit; at least one of its words is not a symbol of the system."""

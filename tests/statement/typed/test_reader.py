@@ -195,6 +195,22 @@ REMARKS = {
     "x'' = -k x/m  [Coriolis + centrifugal] ✓": ["x_ddot = -k*x/m"],
     "x'' = -k x/m\nEquilibria: cos(x) = k/m": ["x_ddot = -k*x/m"],
     "x'' = -k x/m; x(0) = R\nThe equilibrium is at x = m g/k.": ["x_ddot = -k*x/m"],
+    "It does not slip, thus x'' = r α. Adding gives\nx'' = -k x/m": ["x_ddot = -k*x/m"],
+    "Newton: sum of forces = m x'', hence +g - k x = m x'' (x in m, t in s)": ["g - k*x = m*x_ddot"],
+    "The wheel rolls, so r φ' = x'\nx'' = 0": ["x_ddot = 0"],
+    "The radial one is x'' = 0 [N] and the other one is\ntheta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
+    "x'' = 0   ...(i)\ntheta'' = 0   (ii)": ["x_ddot = 0", "theta_ddot = 0"],
+    "x'' = -k sin(x)\nFor small x: x'' = -k x": ["x_ddot = -k*sin(x)"],
+    "For small x: x'' = -k x": ["x_ddot = -k*x"],
+    "| x: | x'' = k |\n| theta: | theta'' = 0 |": ["x_ddot = k", "theta_ddot = 0"],
+    r"A\ddot{q} + Cq = 0 \text{ with } \ddot x = k": ["x_ddot = k"],
+    "Because of ∂L/∂φ = 0 the angular momentum J = x^2 theta' is constant\nx'' = J^2": [
+        "d/dt(x**2*theta_dot)",
+        "x_ddot = J**2",
+    ],
+    "x'' = -2 d x' // d = k/m": ["x_ddot = -2*d*x_dot"],
+    r"\frac{d^{2}x(t)}{dt^{2}} + \frac{dx(t)}{dt} = k": ["x_ddot + x_dot = k"],
+    "x'' = -k (k = stiffness), x^2 + theta^2 = l^2": ["x_ddot = -k", "x**2 + theta**2 = l**2"],
 }
 """Answers with words around the equations, and the equations."""
 
@@ -242,6 +258,8 @@ DEFINED = {
     "x'' = h^2/x^3 with x^2 theta' = h": "x_ddot = h**2/x**3",
     "theta' = h/x^2, x'' = h^2/x^3, h = const": "x_ddot = h**2/x**3",
     "h = x^2 theta' is constant, x'' = h^2/x^3": "d/dt(x**2*theta_dot)",
+    "p = x^2 theta' = h = const => theta' = h/x^2": "d/dt(x**2*theta_dot)",
+    "xpp = -k xp theta1p": "x_ddot = -k*x_dot*theta1_dot",
 }
 """Answers with definitions, words for operations, and letters of formula editors, and the first equation."""
 
@@ -338,6 +356,16 @@ def test_remarks_belong_to_no_equation(text: str) -> None:
 def test_an_unknown_factor_is_no_remark(text: str, word: str) -> None:
     with pytest.raises(StatementError, match=f"'{word}' is not a symbol of this system"):
         reader().equations(text)
+
+
+def test_a_name_that_is_a_factor_of_both_sides_is_read_as_one() -> None:
+    """The radius of a pulley cancels; a name that does not, or that only one term has, is a fault."""
+    (equation,) = reader().equations("(m g - m x'') r = 1/2 M r^2 x''/r")
+    m, M, g, a = sp.symbols("m M g x_ddot", real=True)
+    assert sp.expand(equation.readings[0].zero - (m * g - m * a - M * a / 2)) == 0
+    for text in ("(m g - m x'') r = 1/2 M r^2 x''", "r x'' = 0"):
+        with pytest.raises(StatementError, match="'r' is not a symbol of this system"):
+            reader().equations(text)
 
 
 def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
