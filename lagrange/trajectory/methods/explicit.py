@@ -251,6 +251,6 @@ def _fraction(entry: Any) -> Fraction:
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
     """Return a fixed-step method from a tableau.
 
-    Arguments and errors are those of `tableau`; `step` is the step size.
+    Arguments are those of `tableau`; `step` is the step size. Raises the same errors as `tableau`.
     """
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)
