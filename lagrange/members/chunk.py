@@ -118,4 +118,4 @@ class Results:
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows
-        self.messages.update({first + place: text for place, text in ends.messages.items()})
+        self.messages.update({first + row: text for row, text in ends.messages.items()})

@@ -85,20 +85,20 @@ class Keep:
         `dimension` is 2n, `outputs` the number of output times or None, `events` the number of events, and
         `interrupted` the status code of a member without result.
         """
-        found = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
+        selected = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
         if self.end:
-            found.append(Column(STATE, (dimension,), "f8", np.nan))
+            selected.append(Column(STATE, (dimension,), "f8", np.nan))
         if outputs is not None:
-            found.append(Column(OUTPUTS, (outputs, dimension), "f8", np.nan))
+            selected.append(Column(OUTPUTS, (outputs, dimension), "f8", np.nan))
         if self.counts:
-            found += [Column(name, (), "i8", 0) for name in COUNTED]
+            selected += [Column(name, (), "i8", 0) for name in COUNTED]
         if self.drift:
-            found.append(Column(DRIFT, (), "f8", np.nan))
-        found += [Column(one.name, (), "f8", np.nan) for one in self.reductions]
+            selected.append(Column(DRIFT, (), "f8", np.nan))
+        selected += [Column(reduction.name, (), "f8", np.nan) for reduction in self.reductions]
         for k in range(events if self.events else 0):
-            found.append(Column(event_times(k), (self.events,), "f8", np.nan))
-            found.append(Column(event_states(k), (self.events, dimension), "f8", np.nan))
-        return tuple(found)
+            selected.append(Column(event_times(k), (self.events,), "f8", np.nan))
+            selected.append(Column(event_states(k), (self.events, dimension), "f8", np.nan))
+        return tuple(selected)
 
 
 def event_times(k: int) -> str:
@@ -119,20 +119,20 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     names: dict[str, None] = {}
     occurrences = 0
     reductions: list[Reduction] = []
-    for one in listed:
-        if isinstance(one, str) and one in (END, COUNTS, DRIFT):
-            names[one] = None
-        elif one == EVENTS or _is_first(one):
-            occurrences = 1 if one == EVENTS else whole_number(one[1], "the number of occurrences that are kept", 1)
+    for entry in listed:
+        if isinstance(entry, str) and entry in (END, COUNTS, DRIFT):
+            names[entry] = None
+        elif entry == EVENTS or _is_first(entry):
+            occurrences = 1 if entry == EVENTS else whole_number(entry[1], "the number of occurrences that are kept", 1)
             if not events:
                 raise StatementError("keep has events, and the ensemble has none: give events=[...].")
-        elif _is_reduction(one):
-            _add(reductions, _reduction(one[0], one[1], model))
+        elif _is_reduction(entry):
+            _add(reductions, _reduction(entry[0], entry[1], model))
         else:
-            known = [END, COUNTS, DRIFT, EVENTS]
-            hint = suggestion(one, known) if isinstance(one, str) else ""
+            keywords = [END, COUNTS, DRIFT, EVENTS]
+            hint = suggestion(entry, keywords) if isinstance(entry, str) else ""
             raise StatementError(
-                f"keep has {_quoted(one, model)}, which is none of {listing(known)}, nor a pair such as "
+                f"keep has {_quoted(entry, model)}, which is none of {listing(keywords)}, nor a pair such as "
                 f"('max', theta), ('min', theta), ('mean', theta) or ('events', 3).{hint}"
             )
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
@@ -140,9 +140,9 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 def _add(reductions: list[Reduction], given: Reduction) -> None:
     """Append a reduction unless it is in the list. A numeric suffix distinguishes expressions that print alike."""
-    if any((one.how, one.expression) == (given.how, given.expression) for one in reductions):
+    if any((reduction.how, reduction.expression) == (given.how, given.expression) for reduction in reductions):
         return
-    names = {one.name for one in reductions}
+    names = {reduction.name for reduction in reductions}
     numbered = (f"{given.name} {k}" for k in count(2))
     reductions.append(given._replace(name=next(name for name in chain([given.name], numbered) if name not in names)))
 
@@ -349,8 +349,8 @@ class _Extremum:
             bound = np.maximum(a + b + steepest * gaps[:, :-1], b + c + steepest * gaps[:, 1:]) / 2.0
             high = bound - self.best > RISE * abs(self.best)
             inner = high & (b >= a) & (b >= c)
-        which, place = np.nonzero(inner)
-        three = place + np.arange(3)[:, None]
+        which, index = np.nonzero(inner)
+        three = index + np.arange(3)[:, None]
         yield which, x[which, three], values[which, three]
         yield self._near_end(steps, values, f, np.flatnonzero(high[:, 0] & (a[:, 0] > b[:, 0])), 0)
         yield self._near_end(steps, values, f, np.flatnonzero(high[:, -1] & (c[:, -1] > b[:, -1])), f.shape[1] - 2)

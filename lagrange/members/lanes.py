@@ -88,7 +88,9 @@ class MemberEvents:
 
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
         """Return the constant arrays of the search for events on steps of a step program, by argument name."""
-        direction, terminal = np.array([(one.direction, one.terminal) for one in self.reactions], dtype=np.int64).T
+        direction, terminal = np.array(
+            [(reaction.direction, reaction.terminal) for reaction in self.reactions], dtype=np.int64
+        ).T
         factors = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
         whole = {"direction": np.ascontiguousarray(direction), "terminal": np.ascontiguousarray(terminal)}
         return {"factors": factors, **whole}
@@ -131,7 +133,7 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     step = plan.step if isinstance(plan, StepPlan) else None
     if step is not None:
         laws["step"] = model.law(LAWS[step.law].quantity).program
-    nodes = tuple(node_of(one.expression, model.statement, model.equations) for one in wanted.reductions)
+    nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in wanted.reductions)
     different = tuple(dict.fromkeys(nodes))
     if nodes:
         laws["expressions"] = model.function("expressions", different).program
@@ -145,8 +147,12 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     observed = Observed(observing, 1 + len(model.layout.rates))
     sampled = None
     if nodes:
-        reductions = tuple((one.how, different.index(node)) for one, node in zip(wanted.reductions, nodes, strict=True))
-        entries = dict.fromkeys(one.place for one in laws["expressions"].instructions if one.op == "state")
+        reductions = tuple(
+            (reduction.how, different.index(node)) for reduction, node in zip(wanted.reductions, nodes, strict=True)
+        )
+        entries = dict.fromkeys(
+            reduction.place for reduction in laws["expressions"].instructions if reduction.op == "state"
+        )
         sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
     read: dict[str, Any] = {"points": table_of_points()}
     parameters = len(model.statement.parameters)
@@ -173,16 +179,18 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
             watch = StepEvents(kernels["watched"], wanted.watched.events, screened)
             read |= wanted.watched.arrays_of_steps(model.layout.size)
         members = StepMembers(step, model.layout.size, kernels["step"], numbers, observed, dense, sampled, watch)
-    made = None if wanted.varying else Pruner().pruned(preparing)
+    preparation = None if wanted.varying else Pruner().pruned(preparing)
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
-    return Compiled(code, made, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events)
+    return Compiled(
+        code, preparation, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events
+    )
 
 
 def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
     """Return the description of the event functions for the code of members."""
     program = plan.series.program
-    changing = any(one.terminal for one in watched.reactions)
+    changing = any(reaction.terminal for reaction in watched.reactions)
     flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
     return TaylorEvents(values, len(watched.reactions), watched.events, changing=changing, **flags)
 
@@ -249,30 +257,30 @@ class LaneEngine:
         outputs = np.full((m, count, n), np.nan)
         states, times, outcomes = np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.int64)
         counts = {name: np.zeros(m, dtype=np.int64) for name in COUNTED}
-        given: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
-        given |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
-        given |= {"numbers": self.numbers(starts), "wanted": count}
+        arrays: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
+        arrays |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
+        arrays |= {"numbers": self.numbers(starts), "wanted": count}
         reduced = np.zeros((m, len(alone.keep.reductions)))
-        given |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
+        arrays |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
         events, most = self.compiled.events, max(alone.keep.events, 1)
         event_t, event_y = np.full((m, events, most), np.nan), np.full((m, events, most, n), np.nan)
-        given |= {"most": alone.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
-        given["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
-        self.compiled.code({**self.settings(m), **given})
+        arrays |= {"most": alone.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
+        arrays["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
+        self.compiled.code({**self.settings(m), **arrays})
         codes = _CODES[outcomes]
         if alone.times is not None:
             self.complete(outputs, alone.times, states, times)
-        found = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
-        found |= {one.name: reduced[:, k] for k, one in enumerate(alone.keep.reductions)}
-        found |= {event_times(k): event_t[:, k] for k in range(events)}
-        found |= {event_states(k): event_y[:, k] for k in range(events)}
+        columns = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
+        columns |= {reduction.name: reduced[:, k] for k, reduction in enumerate(alone.keep.reductions)}
+        columns |= {event_times(k): event_t[:, k] for k in range(events)}
+        columns |= {event_states(k): event_y[:, k] for k in range(events)}
         energies = Energies(starts.states, states, first, last)
         if alone.keep.drift:
-            found[DRIFT] = energies.drift
+            columns[DRIFT] = energies.drift
         doubtful = (codes == UNDECIDED) | self.unexplained(starts, states, times, codes)
         if alone.model.conservative:
             doubtful |= ((codes == SUCCESS) | (codes == EVENT)) & energies.moved
-        ends = Ends({column.name: found[column.name] for column in alone.columns})
+        ends = Ends({column.name: columns[column.name] for column in alone.columns})
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray) -> None:
@@ -281,9 +289,9 @@ class LaneEngine:
         `outputs` (m, K, 2n) is changed; `wanted` (K,) are the output times, `states` (m, 2n) and `times` (m,) the ends.
         """
         t0, t1 = self.alone.span
-        for place in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
-            ended = times == wanted[place]
-            outputs[ended, place] = states[ended]
+        for index in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
+            ended = times == wanted[index]
+            outputs[ended, index] = states[ended]
         behind = (wanted - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
         outputs[behind] = np.nan
 
@@ -309,17 +317,17 @@ class LaneEngine:
 
     def settings(self, count: int) -> dict[str, Any]:
         """Return the scalar arguments of the machine code for `count` members, as in `Tolerances.begin`."""
-        own, (t0, t1) = self.plan.tolerances, self.alone.span
+        tolerances, (t0, t1) = self.plan.tolerances, self.alone.span
         return {
             "count": count,
             "budget": self.alone.options.step_limit,
             "t0": t0,
             "t1": t1,
-            "rtol": own.margin * own.rtol,
-            "floor": max(own.margin * own.atol, LEAST_FLOOR),
-            "share": own.margin * own.share,
-            "step": own.step if t1 >= t0 else -own.step,
-            "longest": own.longest,
+            "rtol": tolerances.margin * tolerances.rtol,
+            "floor": max(tolerances.margin * tolerances.atol, LEAST_FLOOR),
+            "share": tolerances.margin * tolerances.share,
+            "step": tolerances.step if t1 >= t0 else -tolerances.step,
+            "longest": tolerances.longest,
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
@@ -339,11 +347,11 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     if not _runs_in_lanes(alone, plan, problem):
         return None
     watched = MemberEvents.of(_impacts(plan, problem))
-    wanted = MemberTasks(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
+    tasks = MemberTasks(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
     kept = _COMPILED.setdefault(alone.model, {})
-    key = _kind(plan), wanted
+    key = _kind(plan), tasks
     if key not in kept:
-        kept[key] = compiled_members(alone.model, plan, wanted)
+        kept[key] = compiled_members(alone.model, plan, tasks)
     return LaneEngine(kept[key], plan, alone)
 
 
@@ -374,7 +382,7 @@ def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
         return False
     if isinstance(plan, TaylorPlan):
         small = single_operations(pack(plan.series.program, WIDEST_VECTOR), plan.order) <= MOST_LANE_OPERATIONS
-        resets = any(one.reset for one in plan.impacts)
+        resets = any(impact.reset for impact in plan.impacts)
         return small and not resets and not plan.series.program.sides and plan.series.program.projection is None
     resets = any(event.reset for event in problem.events)
     return isinstance(plan, StepPlan) and not resets and not plan.step.solves and plan.step.starter is None

@@ -49,8 +49,8 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
     taken.update(f"{name}_start" for name in names if name in labels)
     if STATE in kept:
         taken.update(f"{name}_end" for name in names)
-    own = [*(names if kept & {STATE, OUTPUTS} else ()), *labels]
-    twice = next((name for name in own if name in taken), None)
+    result_names = [*(names if kept & {STATE, OUTPUTS} else ()), *labels]
+    twice = next((name for name in result_names if name in taken), None)
     if twice is not None:
         raise StatementError(
             f"{twice} is a name of the system, and the results of an ensemble have one of this name: give the system "
@@ -87,11 +87,11 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
         "events": [_event(event) for event in problem.events],
         "keep": [column.name for column in job.columns],
-        "expressions": [_exactly(one.expression) for one in job.keep.reductions],
+        "expressions": [_exactly(reduction.expression) for reduction in job.keep.reductions],
         "occurrences": job.keep.events,
         "varies": list(table.labels),
         "values": varied.hexdigest(),
-        "drawn": [dict(one) for one in table.varied.drawn],
+        "drawn": [dict(reduction) for reduction in table.varied.drawn],
         "state": table.state.tolist(),
         "parameters": table.parameters.tolist(),
         "axes": {name: len(values) for name, values in table.varied.axes.items()},

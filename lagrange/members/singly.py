@@ -136,22 +136,22 @@ class RunEngine:
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members one by one. A start that a run refuses gives a member without steps, with the message."""
-        found = Ends({column.name: column.empty(len(starts)) for column in self.columns})
+        ends = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
             if stopped():
-                return Ends({name: rows[:i] for name, rows in found.columns.items()}, found.messages)
+                return Ends({name: rows[:i] for name, rows in ends.columns.items()}, ends.messages)
             start = starts.of(slice(i, i + 1))
             try:
                 run = self.alone(start)
             except StatementError as refusal:
-                found.columns[STATUS][i], found.columns[TIME][i] = STATUSES.index(Status.NON_FINITE), self.span[0]
-                found.messages[i] = str(refusal)
+                ends.columns[STATUS][i], ends.columns[TIME][i] = STATUSES.index(Status.NON_FINITE), self.span[0]
+                ends.messages[i] = str(refusal)
                 continue
             for name, value in self.row(run, start).items():
-                found.columns[name][i] = value
+                ends.columns[name][i] = value
             if run.status is not Status.SUCCESS:
-                found.messages[i] = run.message
-        return found
+                ends.messages[i] = run.message
+        return ends
 
     def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
         """Run the members `which` again, replace their results in `ends`, and return it."""
@@ -193,24 +193,24 @@ class RunEngine:
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
         """Return the results of a run by column name; `start` is its member."""
         dimension = self.model.layout.size
-        found: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
+        entries: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
-            found[STATE] = self.end(run)
+            entries[STATE] = self.end(run)
         if self.times is not None:
-            found[OUTPUTS] = self.outputs(run, self.times)
+            entries[OUTPUTS] = self.outputs(run, self.times)
         if self.keep.counts:
-            found |= {name: getattr(run, name) for name in COUNTED}
+            entries |= {name: getattr(run, name) for name in COUNTED}
         if self.keep.drift:
             values = None if run.history is None else run.history.values[-1:]
-            found[DRIFT] = energies_of(self.model, start, self.end(run)[None], run.span, values).drift[0]
-        found |= SampledRun(self.model, run, start.parameters[0]).reduced(self.keep.reductions)
+            entries[DRIFT] = energies_of(self.model, start, self.end(run)[None], run.span, values).drift[0]
+        entries |= SampledRun(self.model, run, start.parameters[0]).reduced(self.keep.reductions)
         for k in range(len(run.t_events) if self.keep.events else 0):
             most = self.keep.events
             times, states = np.full(most, np.nan), np.full((most, dimension), np.nan)
             first = run.t_events[k][:most]
             times[: len(first)], states[: len(first)] = first, run.y_events[k][:most]
-            found |= {event_times(k): times, event_states(k): states}
-        return found
+            entries |= {event_times(k): times, event_states(k): states}
+        return entries
 
     def end(self, run: Trajectory) -> FloatArray:
         """Return the last state (2n,) that a run reached."""
@@ -257,8 +257,8 @@ class FlowEngine:
         doubtful = np.isnan(states).any(axis=1)
         if alone.model.conservative:
             doubtful |= energies_of(alone.model, done, states, alone.span).moved
-        found = {STATE: states, TIME: np.full(len(done), t1), STATUS: np.full(len(done), SUCCESS, dtype=np.uint8)}
-        ends = Ends({column.name: found[column.name] for column in alone.columns})
+        columns = {STATE: states, TIME: np.full(len(done), t1), STATUS: np.full(len(done), SUCCESS, dtype=np.uint8)}
+        ends = Ends({column.name: columns[column.name] for column in alone.columns})
         return alone.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:

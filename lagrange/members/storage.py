@@ -49,7 +49,7 @@ class ResultStorage(ABC):
         machine = self.job.problem.model.machine
         if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
             said.append("a worker has no llvmlite")
-        if others := [one for one in self.processors if one != machine.processor]:
+        if others := [processor for processor in self.processors if processor != machine.processor]:
             said.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
         return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 

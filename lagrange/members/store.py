@@ -296,9 +296,9 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
     They are made in memory, since zarr writes files with several threads, some of which continue after a failure.
     """
     members, block = len(table), made_of["block"]
-    attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
-    held: dict[str, Any] = {}
-    group = zarr.open_group(zarr.storage.MemoryStore(held), mode="w", attributes=attributes)
+    attributes = {ATTRIBUTES: dict(made_of), "statuses": [status.value for status in STATUSES]}
+    contents: dict[str, Any] = {}
+    group = zarr.open_group(zarr.storage.MemoryStore(contents), mode="w", attributes=attributes)
     names = job.problem.model.layout.names()
     dimensions = {part: column.dimensions for column in job.columns for part in stored_names(column.name, names)}
     variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
@@ -325,7 +325,7 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
         shape = job.problem.t_eval.shape
         times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
         times[:] = job.problem.t_eval
-    return {name: content.to_bytes() for name, content in held.items()}
+    return {name: content.to_bytes() for name, content in contents.items()}
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -451,12 +451,12 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
     call writes.
     """
     path = folder_of(store)
-    one = sum(column.bytes for column in job.columns)
-    block = max(1, min(BLOCK_BYTES // one, LARGEST_BLOCK))
+    size = sum(column.bytes for column in job.columns)
+    block = max(1, min(BLOCK_BYTES // size, LARGEST_BLOCK))
     if len(table) > MOST_BLOCKS * block:
         raise StatementError(
-            f"the results of {len(table):.3g} members take {one * len(table):.3g} bytes, and a store has room for "
-            f"{one * block * MOST_BLOCKS:.3g}: divide the ensemble into several, each with its store, or keep less."
+            f"the results of {len(table):.3g} members take {size * len(table):.3g} bytes, and a store has room for "
+            f"{size * block * MOST_BLOCKS:.3g}: divide the ensemble into several, each with its store, or keep less."
         )
     made_of = origin(job, table, block)
     find_store(path, job, table, made_of)

@@ -80,9 +80,9 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
     statement = model.statement
     sources: list[Varied] = []
     plain: dict[str, dict[Any, Any]] = {}
-    for what, given in (("initial", initial), ("parameters", parameters)):
-        plain[what], found = _divided(what, given)
-        sources += found
+    for what, argument in (("initial", initial), ("parameters", parameters)):
+        plain[what], varying = _divided(what, argument)
+        sources += varying
     if not sources:
         raise StatementError(
             "no value varies between members: give an array in initial or in parameters, or lg.grid(...), or "
@@ -155,8 +155,8 @@ def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> No
 def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
     """Raise StatementError for a key that has both varying values and a common value."""
     labels = {label_of(key) for key in varied.keys}
-    for given in plain.values():
-        twice = next((label_of(key) for key in given if label_of(key) in labels), None)
+    for values in plain.values():
+        twice = next((label_of(key) for key in values if label_of(key) in labels), None)
         if twice is not None:
             raise StatementError(f"{twice} varies between the members, and has one value as well: give one of the two.")
 
@@ -201,8 +201,8 @@ def _values(label: str, given: Any) -> FloatArray:
     if not len(values):
         raise StatementError(f"{label} has an array without values: give one for each member.")
     if not np.isfinite(values).all():
-        place = int(np.argmin(np.isfinite(values)))
-        raise StatementError(f"{label} is {values[place]} for member {place}: give finite values.")
+        index = int(np.argmin(np.isfinite(values)))
+        raise StatementError(f"{label} is {values[index]} for member {index}: give finite values.")
     return values
 
 
@@ -210,17 +210,17 @@ def _together(sources: list[Varied]) -> Varied:
     """Return varying values joined member by member. Raises StatementError for different lengths and equal keys."""
     if len(sources) == 1:
         return sources[0]
-    lengths = {label_of(key): len(one) for one in sources for key in one.keys}
+    lengths = {label_of(key): len(source) for source in sources for key in source.keys}
     if len(set(lengths.values())) > 1:
         said = listing(f"{label} has {counted(length, 'value')}" for label, length in lengths.items())
         raise StatementError(
             f"{said}: give arrays of one length, a value for each member, or, for all combinations, one lg.grid(...) "
             "of all that varies."
         )
-    keys = [label_of(key) for one in sources for key in one.keys]
+    keys = [label_of(key) for source in sources for key in source.keys]
     twice = next((key for key in keys if keys.count(key) > 1), None)
     if twice is not None:
         raise StatementError(f"{twice} varies twice: give its values once.")
     every = np.arange(len(sources[0]))
-    drawn = tuple(made for one in sources for made in one.drawn)
-    return Arrays({key: one.values(key, every) for one in sources for key in one.keys}, drawn)
+    drawn = tuple(description for source in sources for description in source.drawn)
+    return Arrays({key: source.values(key, every) for source in sources for key in source.keys}, drawn)

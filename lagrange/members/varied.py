@@ -51,7 +51,7 @@ class Varied(ABC):
 
     def __getitem__(self, key: Any) -> FloatArray:
         """Return the values (members,) of a key. Raises StatementError for a key that does not vary."""
-        by_label = {label_of(known): known for known in self.keys}
+        by_label = {label_of(varying): varying for varying in self.keys}
         label = one_of(label_of(key), by_label, "{given} does not vary between the members; what varies is {known}.")
         return self.values(by_label[label], np.arange(len(self)))
 
@@ -107,11 +107,11 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
     values with both ends, or to a list or an array of values. Raises StatementError for an axis without values.
     """
     named = _named(axes, "axes", "coordinate, velocity or parameter to (low, high, count)")
-    found = {key: _axis(label_of(key), given) for key, given in named}
-    members = math.prod(len(values) for values in found.values())
+    axis_values = {key: _axis(label_of(key), axis) for key, axis in named}
+    members = math.prod(len(values) for values in axis_values.values())
     if members > MOST_MEMBERS:
         raise StatementError(f"the grid has {members:.3g} members: give fewer values; {MOST_MEMBERS:.0e} are possible.")
-    return Grid(found)
+    return Grid(axis_values)
 
 
 def _axis(label: str, given: Any) -> FloatArray:
@@ -157,21 +157,24 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
     start = whole_number(seed, "seed", 0)
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
-    given = list(_named(ranges, "ranges", "coordinate, velocity or parameter to (low, high)"))
-    members = whole_number(count, "count, the number of members,", 1, MOST_NUMBERS // len(given))
-    if method == "sobol" and len(given) > MOST_DIMENSIONS:
+    entries = list(_named(ranges, "ranges", "coordinate, velocity or parameter to (low, high)"))
+    members = whole_number(count, "count, the number of members,", 1, MOST_NUMBERS // len(entries))
+    if method == "sobol" and len(entries) > MOST_DIMENSIONS:
         raise StatementError(
-            f'ranges has {len(given)} entries, and Sobol\'s sequence has {MOST_DIMENSIONS}: give method="latin".'
+            f'ranges has {len(entries)} entries, and Sobol\'s sequence has {MOST_DIMENSIONS}: give method="latin".'
         )
     generator = np.random.default_rng(start)
     if method == "sobol":
-        whole = qmc.Sobol(len(given), seed=generator).random_base2(max(members - 1, 1).bit_length())
+        whole = qmc.Sobol(len(entries), seed=generator).random_base2(max(members - 1, 1).bit_length())
         parts = whole[:members]
     elif method == "latin":
-        parts = qmc.LatinHypercube(len(given), seed=generator).random(members)
+        parts = qmc.LatinHypercube(len(entries), seed=generator).random(members)
     else:
-        parts = generator.random((members, len(given)))
-    values = {key: _drawn(label_of(key), one, part) for (key, one), part in zip(given, parts.T, strict=True)}
+        parts = generator.random((members, len(entries)))
+    values = {
+        key: _drawn(label_of(key), distribution, part)
+        for (key, distribution), part in zip(entries, parts.T, strict=True)
+    }
     return Arrays(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
 
 
@@ -200,10 +203,10 @@ def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatAr
     """Return the quantiles (m,) of a distribution at probabilities `parts` (m,). Raises StatementError for others."""
     what = f"the distribution of {label}"
     try:
-        found = quantile(parts)
+        quantiles = quantile(parts)
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(f"{what} gives no values: {error}. Give one number for each parameter of it.") from error
-    values = real_array(found, what)
+    values = real_array(quantiles, what)
     if values.shape != parts.shape:
         raise StatementError(
             f"{what} gives the shape {values.shape} for {parts.shape} parts of 1: give a value for each."

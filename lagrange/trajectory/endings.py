@@ -68,9 +68,9 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     left, null = float(abs(values[which])), vectors[:, which]
     if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
         return ""
-    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     return (
-        f"the mass matrix d2L/dv2 degenerates there, at {place}: a motion with "
+        f"the mass matrix d2L/dv2 degenerates there, at {state}: a motion with "
         f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
         "start, and its acceleration grows beyond all bounds. End the run before it, or state a Lagrangian that keeps "
         "its inertia."
@@ -88,19 +88,19 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 
     `share` is the least singular value relative to the start. `found` has the constraints or the motion.
     """
-    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
     if found.motion is not None:
         return (
             f"the inertia of a motion with {motion_along(problem.model.layout.rates, found.motion)}, which satisfies "
-            f"the constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian "
+            f"the constraints, vanishes there, at {state}: it is {left}. End the run before it, or state a Lagrangian "
             "that keeps its inertia."
         )
     what = f"their least singular value is {left}"
     if len(found.rows) == 1:
         what = f"these derivatives are {share:.2g} of what they were at the start"
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what}, and the "
+        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {state}: {what}, and the "
         "accelerations grow beyond all bounds. End the run before it, or, if the motion is smooth there, pass it with "
         "equal steps, such as those of rk4."
     )
@@ -108,11 +108,11 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) where motions cross, and errors would choose one."""
-    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     names = problem.model.equations.constraints.names
     return (
         f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
-        f"goes on. The state is {place}. End the run before it, or pass it with equal steps, such as those of rk4."
+        f"goes on. The state is {state}. End the run before it, or pass it with equal steps, such as those of rk4."
     )
 
 
@@ -210,8 +210,8 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
     least = int(np.argmin(values))
     if not values[least] <= MUCH_NEARER * values[0]:
         return ""
-    found = regularity(model, parameters, (problem.t0, problem.y0), (float(times[least]), states[least]))
-    return "" if found is None or not found[1].rows else crossing(problem, found[1], y)
+    lowest = regularity(model, parameters, (problem.t0, problem.y0), (float(times[least]), states[least]))
+    return "" if lowest is None or not lowest[1].rows else crossing(problem, lowest[1], y)
 
 
 def _shortened(
@@ -269,8 +269,8 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
     with np.errstate(all="ignore"):
         values = model.function("contacts", nodes)(t, np.ascontiguousarray(y), problem.parameter_array)
     clear = np.abs(values) > CLEAR * np.abs(values).max(initial=0.0)
-    for i, g, known in zip(contacts, values, clear, strict=True):
-        rows = np.flatnonzero(known)
+    for i, g, is_clear in zip(contacts, values, clear, strict=True):
+        rows = np.flatnonzero(is_clear)
         free = -problem.events[i].direction * g[rows] > 0
         counts = np.searchsorted(forward * trajectory.t_events[i], forward * t[rows])
         if len(rows) and rows[0] > 0:

@@ -126,17 +126,17 @@ class Flow:
         if t0 == t1:
             return start.copy() if times is None else np.repeat(start[:, None], len(times), axis=1)
         if self._plan is None or (times is not None and not (self._plan.writes_outputs and not self._constrained)):
-            found = self._by_run(start, t0, t1, parameters, times)
-            return found[:, -1].copy() if times is None else found
+            states = self._by_run(start, t0, t1, parameters, times)
+            return states[:, -1].copy() if times is None else states
         driver, state = self._driver(self._plan, parameters)
         self._begin(self._plan, state, start, t0, t1)
         if times is not None:
             return self._at_times(driver, state, start, (t0, t1), parameters, times)
         if self._rtol:
-            known = self._over_no_crossing(driver, state, (t0, start), array)
+            reached = self._over_no_crossing(driver, state, (t0, start), array)
         else:
-            known = self._to_end(driver, state, parameters)
-        return state.y.copy() if known else self._by_run(start, t0, t1, parameters)[:, -1].copy()
+            reached = self._to_end(driver, state, parameters)
+        return state.y.copy() if reached else self._by_run(start, t0, t1, parameters)[:, -1].copy()
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
         """Return the last of the output times, and all of them. Raises StatementError for times that are not sorted."""
@@ -203,7 +203,7 @@ class Flow:
 
         Raises RunError if the run, at its pace so far, needs more than `max_steps` for another reason.
         """
-        t0, t1 = (float(state.reals[place]) for place in (DriverState.START, DriverState.END))
+        t0, t1 = (float(state.reals[index]) for index in (DriverState.START, DriverState.END))
         share = (state.t - t0) / (t1 - t0)
         most = self._max_steps * (HOPELESS if self._integrator.claims.adaptive else 1.0)
         if steps < self._max_steps and steps > most * share:

@@ -223,5 +223,5 @@ class Integrator(Protocol):
 
 def method_repr(method: Integrator, **options: float | None) -> str:
     """Return the repr of a method: its name, order and the options that are set, without coefficients."""
-    given = "".join(f", {name} = {shown(value)}" for name, value in options.items() if value is not None)
-    return f"<{method.name}: a method of order {method.claims.order}{given}>"
+    listed = "".join(f", {name} = {shown(value)}" for name, value in options.items() if value is not None)
+    return f"<{method.name}: a method of order {method.claims.order}{listed}>"

@@ -274,17 +274,17 @@ def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None)
 
     The entries of a quaternion count as one, of its rotation.
     """
-    layout, known = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
+    layout, symbols = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
 
     def bad(names: Iterable[str], values: FloatArray) -> list[str]:
         pairs = zip(names, values, strict=True)
         return list(dict.fromkeys(f"{name} is {value}" for name, value in pairs if not np.isfinite(value)))
 
-    entries = bad((known.get(name, name) for name in layout.names()), y)
+    entries = bad((symbols.get(name, name) for name in layout.names()), y)
     if entries or slope is None:
         return _few(entries)
-    rates = [f"the velocity of {known.get(name, name)}" for name in layout.coordinates]
-    rates += [f"the acceleration of {known.get(name, name)}" for name in layout.rates]
+    rates = [f"the velocity of {symbols.get(name, name)}" for name in layout.coordinates]
+    rates += [f"the acceleration of {symbols.get(name, name)}" for name in layout.rates]
     return _few(bad(rates, slope))
 
 

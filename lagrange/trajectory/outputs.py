@@ -132,7 +132,9 @@ class AcceptedStates:
             times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
             states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
             return np.concatenate(times), np.array(states)
-        return np.concatenate([part.times for part in self.parts]), np.concatenate([one.states for one in self.parts])
+        return np.concatenate([part.times for part in self.parts]), np.concatenate(
+            [written.states for written in self.parts]
+        )
 
     def _largest(self) -> FloatArray:
         before = [] if self._sizes is None else [self._sizes]
@@ -186,8 +188,8 @@ class FollowedSteps:
             if len(t) > 1:
                 self._write(t, y, float(times[end]))
         keep = self._finish(times[begins[-1] :], states[begins[-1] :], last=last)
-        known = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
-        self._known = *known, first + len(times) - keep, ended + len(here), removed + len(parts)
+        kept = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
+        self._known = *kept, first + len(times) - keep, ended + len(here), removed + len(parts)
 
     def _wanted_of(self, ends: FloatArray) -> list[int]:
         """Return the numbers of the smooth pieces that contain output times.

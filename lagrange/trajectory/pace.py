@@ -129,8 +129,8 @@ class Pace:
         needed = new * abs(problem.t1 - state.t) / covered if covered else math.inf
         if needed > SLOW * tries and not vanished:
             raise_to_noise(problem.model, problem.parameter_array, state)
-        found = stuck(problem, state.t, parts, covered) if vanished or needed > problem.max_steps else None
-        return found or result
+        sticking = stuck(problem, state.t, parts, covered) if vanished or needed > problem.max_steps else None
+        return sticking or result
 
 
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:

@@ -27,8 +27,8 @@ from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status,
 
 def last_state(part: Trajectory) -> FloatArray:
     """Return the state (2n,) at the end of a run, from the dense output if the end is not an output time."""
-    known = len(part.t) > 0 and part.t[-1] == part.span[1]
-    return np.ascontiguousarray(part.y[:, -1] if known else part.dense(np.array([part.span[1]]))[:, 0])
+    is_output = len(part.t) > 0 and part.t[-1] == part.span[1]
+    return np.ascontiguousarray(part.y[:, -1] if is_output else part.dense(np.array([part.span[1]]))[:, 0])
 
 
 def rest_of(
@@ -159,8 +159,8 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
         if last is not None:
             parts.append(point_of(problem, parts[-1], behind.y, last))
             break
-    found = joined(problem, parts, _told(problem, parts), both_at_joints=True)
-    return replace(found, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
+    whole_run = joined(problem, parts, _told(problem, parts), both_at_joints=True)
+    return replace(whole_run, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
 
 
 def _ending(event: Event, problem: Problem) -> Event:
@@ -208,8 +208,8 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
     parameters = dict(segment.parameters)
     for event in resets:
         nodes = tuple(model.equations.translate(value) for value in event.settings.values())
-        found = model.function("settings", nodes)(t, before, segment.parameter_array) if nodes else ()
-        for symbol, value in zip(event.settings, map(float, found), strict=True):
+        new_values = model.function("settings", nodes)(t, before, segment.parameter_array) if nodes else ()
+        for symbol, value in zip(event.settings, map(float, new_values), strict=True):
             old = parameters[symbol]
             free = old == segment.parameters[symbol] or np.isclose(old, value, rtol=ALIKE, atol=0.0)
             parameters[symbol] = value if free else np.nan

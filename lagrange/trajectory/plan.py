@@ -163,8 +163,8 @@ class StepPlan:
         """Return the driver of the step, for the law of the step."""
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
-        held = self.projected and len(model.equations.constraints) > 0
-        projection = model.law("projection") if held else None
+        has_constraints = self.projected and len(model.equations.constraints) > 0
+        projection = model.law("projection") if has_constraints else None
         return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
@@ -180,8 +180,8 @@ class StepPlan:
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output of the method, separately for each smooth piece between two resets."""
-        known = None if watch is None else watch.memory.dense
-        path = self.path_of(problem, times, states) if known is None else replace(known, times=times, states=states)
+        dense = None if watch is None else watch.memory.dense
+        path = self.path_of(problem, times, states) if dense is None else replace(dense, times=times, states=states)
         return (
             MotionsPath(times, states, watch.breaks.since(0), path) if watch is not None and len(watch.breaks) else path
         )
@@ -317,14 +317,14 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
         return PreparedPlan(method.plan(problem))
     watched = (problem.events,) if problem.events else ()
     kept, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
-    found: PreparedPlan | None = kept.get(key)
-    if found is None or found.span not in (None, span):
+    kept_plan: PreparedPlan | None = kept.get(key)
+    if kept_plan is None or kept_plan.span not in (None, span):
         plan = method.plan(problem)
         whenever = plan.tolerances.rtol > 0.0 and plan.tolerances.longest == math.inf
-        found = PreparedPlan(plan, method, None if whenever else span, {} if found is None else found.idle)
-        kept[key] = found
+        kept_plan = PreparedPlan(plan, method, None if whenever else span, {} if kept_plan is None else kept_plan.idle)
+        kept[key] = kept_plan
         drop_oldest(kept, PLANS_KEPT)
-    return found
+    return kept_plan
 
 
 def _is_key(option: Any) -> bool:

@@ -185,13 +185,13 @@ def trajectory_of(
     values = model.parameter_values(options.parameters)
     for name in statement.rotations if options.parameters else ():
         check_moments(statement.kinetic, name, values)
-    given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
-    start, constrained = given, bool(model.equations.constraints)
+    stated_start = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
+    start, constrained = stated_start, bool(model.equations.constraints)
     began = time.perf_counter() if began is None else began
     if constrained:
         # If the search for the start exceeds the time limit, it is unchanged: the run then ends before its first step.
         with suppress(PreparationTooLongError), preparation(began, options.wall_limit):
-            start = consistent_start(model, t0, given, ordered(values, statement.parameters))
+            start = consistent_start(model, t0, stated_start, ordered(values, statement.parameters))
     problem = Problem(
         model=model,
         parameters=values,
@@ -220,8 +220,8 @@ def trajectory_of(
         trajectory = _run(integrator, problem)
     # Tested for the whole run, because over a short segment all coordinates change only by rounding.
     trajectory = with_resolution(problem, trajectory)
-    if start is not given:
-        trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
+    if start is not stated_start:
+        trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, stated_start, start)}")
     return trajectory, values
 
 

@@ -160,14 +160,14 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
             status, detail = Status.SINGULAR, ""
     end = partial(_ended, problem, plan, state, rows, watch, name, began)
     try:
-        found = end(status, detail, sentence)
+        run = end(status, detail, sentence)
     except KeyboardInterrupt:
         # Ctrl-C was pressed after the last step. Finish the trajectory again, without an explanation of its end.
-        found = end(Status.INTERRUPTED, "", "")
-    if found.status is Status.SUCCESS:
-        tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
-        kept.give(problem, idle, steps, state, tried if found.wall < SECONDS_PER_CALL else 0, watch)
-    return found
+        run = end(Status.INTERRUPTED, "", "")
+    if run.status is Status.SUCCESS:
+        tried = min(run.steps + run.rejected + 2, MOST_STEPS_PER_CALL)
+        kept.give(problem, idle, steps, state, tried if run.wall < SECONDS_PER_CALL else 0, watch)
+    return run
 
 
 def _ended(
@@ -188,15 +188,15 @@ def _ended(
         sentence = _final_sentence(problem, plan, name, state, status, detail)
     rows.follow(last=True)
     accepted = rows.joined()
-    found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
+    run = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
     # The states of an interrupted run are not tested, because the user waits.
     looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
     if looked_at and not rows.dropped:
-        found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
+        run = until_dependent(problem, plan.tolerances.rtol, run, accepted)
     if rows.passed is not None:
         series = plan.writes_outputs and not rows.dropped
-        found = until_discontinuity(problem, found, rows.passed, series=series)
-    return found
+        run = until_discontinuity(problem, run, rows.passed, series=series)
+    return run
 
 
 def _why(
@@ -211,13 +211,13 @@ def _why(
     given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
     if not (stuck or given_up) or detail not in ("", UNPROJECTED):
         return ended
-    found = lost_inertia(problem, state.t, state.y)
+    message = lost_inertia(problem, state.t, state.y)
     step = 0.0 if plan.tolerances.rtol else float(state.reals[DriverState.STEP])
-    if not found and stuck and rows.discontinuities is not None:
-        found = rows.discontinuities.ahead(state.t, state.y, step)
-    if not found and step and status is Status.DIVERGED:
-        found = dependent_ahead(problem, state.t, state.y, step)
-    return (Status.SINGULAR, found) if found else ended
+    if not message and stuck and rows.discontinuities is not None:
+        message = rows.discontinuities.ahead(state.t, state.y, step)
+    if not message and step and status is Status.DIVERGED:
+        message = dependent_ahead(problem, state.t, state.y, step)
+    return (Status.SINGULAR, message) if message else ended
 
 
 def _trajectory(
@@ -278,8 +278,8 @@ def _outputs(
         path = MotionsPath(times, states, rows.switches.breaks.since(0), path)
     if problem.t_eval is None and path is not None:
         return times, states.T, path
-    wanted = times if problem.t_eval is None else problem.t_eval
-    t = wanted[(wanted - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0]
+    requested = times if problem.t_eval is None else problem.t_eval
+    t = requested[(requested - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0]
 
     def at_end(_rest: FloatArray) -> FloatArray:
         return states[-1:].T
@@ -429,10 +429,10 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
         return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
     stuck = status in (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
-    if stuck and (found := table_left(problem, state.t, state.y, float(state.reals[DriverState.STEP]))):
-        return told(state.t, state.y, name, cause=found)
-    if found := without_tolerance(problem, status, plan.tolerances, state.y):
-        return told(state.t, state.y, name, cause=found)
+    if stuck and (sentence := table_left(problem, state.t, state.y, float(state.reals[DriverState.STEP]))):
+        return told(state.t, state.y, name, cause=sentence)
+    if sentence := without_tolerance(problem, status, plan.tolerances, state.y):
+        return told(state.t, state.y, name, cause=sentence)
     given_up = status in (Status.MAX_STEPS, Status.MAX_WALL) and not cause and plan.tolerances.share > 0
     if given_up and (which := limiting_entry(problem, state)):
         atol = float(state.floors[which[1]]) / plan.tolerances.margin

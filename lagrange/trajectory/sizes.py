@@ -94,24 +94,24 @@ def entry_sizes(
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
         response = _Response(lambda state: slopes(t, state), slope, y, layout)
-        own = partial(_own_sizes, layout, y)
+        own_sizes = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
         # The size of an entry that moves follows from its position: a force ahead may be that of a pole.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
-        noise = SLOPE_NOISE * response(own(np.zeros_like(force), period))[layout.v]
+        noise = SLOPE_NOISE * response(own_sizes(np.zeros_like(force), period))[layout.v]
         force = np.where(force > noise, force, 0.0)
-        rate = max(response.rate(part * own(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
+        rate = max(response.rate(part * own_sizes(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
         period = min(period, 1 / rate) if rate > 0 else period
-        size, spread = own(force, period), np.zeros(len(y), dtype=bool)
+        size, spread = own_sizes(force, period), np.zeros(len(y), dtype=bool)
         for _ in range(MOST_ROUNDS):
             coupled = period * response(size)
             fresh = (size <= SLOPE_NOISE * coupled) & (coupled > 0)
             change = float(np.max(coupled[spread] / size[spread], initial=0.0))
             if change > SETTLED:
                 period = period / float(np.sqrt(change))
-                size, spread = own(force, period), np.zeros(len(y), dtype=bool)
+                size, spread = own_sizes(force, period), np.zeros(len(y), dtype=bool)
             elif fresh.any():
                 size, spread = np.where(fresh, coupled, size), spread | fresh
             else:
@@ -141,12 +141,12 @@ class _Response:
         far = displacement > 0
         if not far.any():
             return np.zeros_like(self._y)
-        known = far & self._known
-        shrunk = min(1.0, float((self._sizes[known] / displacement[known]).max())) if known.any() else 1.0
+        is_known = far & self._known
+        shrunk = min(1.0, float((self._sizes[is_known] / displacement[is_known]).max())) if is_known.any() else 1.0
         part = DISPLACEMENT * shrunk
         near, wide = self._change(part, displacement), self._change(WIDER * part, displacement)
-        found = np.where(16 * near > wide, wide, np.fmin(near / part, wide / (WIDER * part)))
-        return np.where(np.isfinite(found), found, 0.0)
+        sizes = np.where(16 * near > wide, wide, np.fmin(near / part, wide / (WIDER * part)))
+        return np.where(np.isfinite(sizes), sizes, 0.0)
 
     def _change(self, part: float, displacement: FloatArray) -> FloatArray:
         moved = self._slopes(self._y + part * self._factors * displacement)
@@ -157,21 +157,21 @@ class _Response:
 
         Only entries that are displaced themselves count: the response of others is rounding at first.
         """
-        known, found = displacement > 0, np.inf
+        displaced, fastest = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
             # A response is a displacement per time. In slow units of time it would be rounding.
             first = self(displacement)
-            once = _ratio(first, displacement, known) or self._from_rest(first, displacement)
+            once = _ratio(first, displacement, displaced) or self._from_rest(first, displacement)
             then = self(first / once if once > 0 else first)
-            twice = _ratio(then, displacement, known)
-            found, displacement = min(found, once * twice), then / twice if twice > 0 else then
-        return float(np.sqrt(found))
+            twice = _ratio(then, displacement, displaced)
+            fastest, displacement = min(fastest, once * twice), then / twice if twice > 0 else then
+        return float(np.sqrt(fastest))
 
     def _from_rest(self, response: FloatArray, displacement: FloatArray) -> float:
         """Return the rate by which accelerations respond to a displacement of coordinates alone."""
-        place, force = self._layout.split(displacement)[0], self._layout.split(response)[1]
-        both = (place > 0) & np.isfinite(force)
-        return float(np.sqrt(np.max(force[both] / place[both], initial=0.0)))
+        position, force = self._layout.split(displacement)[0], self._layout.split(response)[1]
+        both = (position > 0) & np.isfinite(force)
+        return float(np.sqrt(np.max(force[both] / position[both], initial=0.0)))
 
 
 def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
@@ -258,14 +258,14 @@ def _derivatives(
     for _ in range(MOST_DISPLACEMENTS):
         moved = y.copy()
         moved[j] += step
-        there = accelerations(moved)
-        change, doubt = abs(there - force), noise + UNIT * abs(there) + TINY_NOISE
+        displaced = accelerations(moved)
+        change, doubt = abs(displaced - force), noise + UNIT * abs(displaced) + TINY_NOISE
         ratio = float(np.max(change / doubt))
-        found = np.where(change > least * doubt, change / step, 0.0)
-        linear = ratio <= most or float(abs(found - before).max()) <= float(found.max()) / 2
+        derivatives = np.where(change > least * doubt, change / step, 0.0)
+        linear = ratio <= most or float(abs(derivatives - before).max()) <= float(derivatives.max()) / 2
         if ratio >= least and linear:
-            return found
-        before = found
+            return derivatives
+        before = derivatives
         step *= aim if ratio < 1 else aim / ratio if ratio < math.inf else 1 / aim
     return np.zeros_like(force)
 
@@ -308,18 +308,18 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
-    found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
+    floors = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
     noise = noise_floors(model, parameters, t, state.y, left)
-    if not state.count(DriverState.STEPS) and (noise > np.maximum(state.floors, found)).any():
+    if not state.count(DriverState.STEPS) and (noise > np.maximum(state.floors, floors)).any():
         # The first step was chosen by entries that are rounding: it is chosen again.
         reals[DriverState.H] = 0.0
-    found = np.maximum(found, noise)
+    floors = np.maximum(floors, noise)
     if before == MOST_SURVEYS - 1:
-        found = np.maximum(found, _floors_of_others(layout, state.floors))
-    if (found > state.floors).any():
+        floors = np.maximum(floors, _floors_of_others(layout, state.floors))
+    if (floors > state.floors).any():
         # A series knows the length of its next step. The length of a rejected step came from floors that were too low.
         state.taylor.limit = math.inf
-    state.floors[:] = np.maximum(state.floors, found)
+    state.floors[:] = np.maximum(state.floors, floors)
     state.counts[DriverState.SURVEYED] += 1
 
 
@@ -331,9 +331,9 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
     if not state.reals[DriverState.SHARE] > 0:
         return False
     left = float(state.reals[DriverState.END]) - state.t
-    found = noise_floors(model, parameters, state.t, state.y, left)
-    rises = bool((found > 2 * state.floors).any())
-    state.floors[:] = np.maximum(state.floors, found)
+    noise = noise_floors(model, parameters, state.t, state.y, left)
+    rises = bool((noise > 2 * state.floors).any())
+    state.floors[:] = np.maximum(state.floors, noise)
     # Otherwise a run without a survey before its first step would set the floors of entries that are zero forever.
     state.counts[DriverState.SURVEYED] = max(state.count(DriverState.SURVEYED), 1)
     return rises

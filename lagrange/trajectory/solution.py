@@ -119,8 +119,8 @@ class Solution:
             rotations = self.model.statement.rotations
             if label in rotations:
                 return self[rotation_of(label)]
-            if label in (known := shorthands(rotations)):
-                return self.evaluate(known[label])
+            if label in (vectors := shorthands(rotations)):
+                return self.evaluate(vectors[label])
             names = in_symbols(self.names, rotations)
             raise StatementError(
                 f"{label[:80]!r} is neither a coordinate nor a velocity of this system; they are {listing(names)}."
@@ -173,9 +173,9 @@ class Solution:
     def drift(self) -> EnergyDrift:
         """The change of the energy since the start of the run, or since the first output if no start is known."""
         self._check_output()
-        t, y, known = self._since_start
+        t, y, from_start = self._since_start
         lost = np.zeros(len(t)) if self._contact_run is None else self._contact_run.lost_at(t)
-        return energy_drift(self.model, t, y, known, self.parameters, self.trajectory, lost)
+        return energy_drift(self.model, t, y, from_start, self.parameters, self.trajectory, lost)
 
     @cached_property
     def _since_start(self) -> tuple[FloatArray, FloatArray, bool]:

@@ -159,9 +159,9 @@ class Trajectory:
         if t is not self.t or y is not self.y:
             self._hold("t", t)
             self._hold("y", y)
-        for name, given in (("step", self.step), ("rtol", self.rtol), ("atol", self.atol)):
-            if given is not None and not (type(given) is float and math.isfinite(given)):
-                self._hold(name, real_number(given, f"{name} of a trajectory"))
+        for name, value in (("step", self.step), ("rtol", self.rtol), ("atol", self.atol)):
+            if value is not None and not (type(value) is float and math.isfinite(value)):
+                self._hold(name, real_number(value, f"{name} of a trajectory"))
 
     def parameters_at(self, times: FloatArray, start: Parameters) -> Parameters:
         """Return the parameters at times (K,), one column each, (k, K); `start` itself if no event sets parameters."""

@@ -33,10 +33,10 @@ def regularity(model: Model, parameters: FloatArray, start: State, here: State) 
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
-    found = least_regular(*matrices_at(model, model.equations, *here, parameters), scale)
-    if first is None or found is None or not first.regularity:
+    singular = least_regular(*matrices_at(model, model.equations, *here, parameters), scale)
+    if first is None or singular is None or not first.regularity:
         return None
-    return found.regularity / first.regularity, found
+    return singular.regularity / first.regularity, singular
 
 
 class Approach:

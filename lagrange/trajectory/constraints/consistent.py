@@ -56,13 +56,13 @@ def consistent(
     """Return the nearest state on the constraints, with the user's symbols, for `System.consistent`."""
     statement = model.statement
     time = real_number(t, "the time t")
-    given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
+    start = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     values = ordered(model.parameter_values(parameters), statement.parameters)
-    found = consistent_state(model, time, given, values, _rows(hold, statement.coordinates))
-    symbols, changes = (*statement.coordinates, *statement.velocities), found - given
+    projected = consistent_state(model, time, start, values, _rows(hold, statement.coordinates))
+    symbols, changes = (*statement.coordinates, *statement.velocities), projected - start
     row = int(np.argmax(np.abs(changes)))
     return Consistent(
-        MappingProxyType(dict(zip(symbols, found.tolist(), strict=True))),
+        MappingProxyType(dict(zip(symbols, projected.tolist(), strict=True))),
         float(abs(changes[row])),
         symbols[row] if changes[row] else None,
         MappingProxyType(dict(zip(symbols, changes.tolist(), strict=True))),
@@ -72,14 +72,14 @@ def consistent(
 def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
     """Return the rows of the state that stay fixed. `hold` is a list of coordinates and velocities."""
     rows, listed = state_rows(coordinates), entries(hold, "hold")
-    known = [label for label in rows if isinstance(label, str)]
+    names = [label for label in rows if isinstance(label, str)]
     if listed is None:
         raise StatementError(f"hold is {shown(hold)}: give a list of coordinates and velocities, such as [x, y.dot].")
     for key in listed:
         if not isinstance(key, Hashable) or key not in rows:
             raise StatementError(
                 f"hold contains {shown(key)}, which is not a coordinate or velocity of this system: they are "
-                f"{listing(known)}."
+                f"{listing(names)}."
             )
     return [rows[key] for key in listed]
 
@@ -134,12 +134,12 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
         return y
     y, corrections, size = y.copy(), model.law("projection"), model.layout.size
     for _ in range(START_CORRECTIONS):
-        found = model.called(corrections, t, y, parameters)
-        off = found[size] > ON_SURFACE
+        corrected = model.called(corrections, t, y, parameters)
+        off = corrected[size] > ON_SURFACE
         if not off.any():
             break
-        y[:, off] += found[:size, off]
-    y[:, ~(found[size] <= ON_SURFACE)] = np.nan
+        y[:, off] += corrected[:size, off]
+    y[:, ~(corrected[size] <= ON_SURFACE)] = np.nan
     return y
 
 

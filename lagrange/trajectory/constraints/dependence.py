@@ -45,10 +45,10 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
             continue
         # A state on the constraint surface is compared with a nearby state off it.
         off = tried[1] if state is y else state
-        found = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
-        if found is None:
+        dependent = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
+        if dependent is None:
             return None
-        first = found if first is None else first
+        first = dependent if first is None else first
     return first
 
 
@@ -95,18 +95,18 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
     It has no accelerations.
     """
-    found = dependence_around(model, t, y, parameters)
-    if found is not None:
+    dependent = dependence_around(model, t, y, parameters)
+    if dependent is not None:
         allowed = model.statement.redundant != REFUSE
-        raise StatementError(dependent_everywhere(residuals_of(model).names, found, allowed=allowed))
+        raise StatementError(dependent_everywhere(residuals_of(model).names, dependent, allowed=allowed))
 
 
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return the dependent rows of G at a state (2n,), or None if they are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
     # Masses do not matter here, so the metric is the identity.
-    found = least_regular(np.eye(gradient.shape[1]), gradient)
-    return found if found is not None and found.rows and found.regularity <= DEPENDENT else None
+    dependent = least_regular(np.eye(gradient.shape[1]), gradient)
+    return dependent if dependent is not None and dependent.rows and dependent.regularity <= DEPENDENT else None
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:

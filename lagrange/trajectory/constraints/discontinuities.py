@@ -77,10 +77,10 @@ class Discontinuities:
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
         """Return the first discontinuity between times (k,) and states (k, 2n) of a run, or None."""
-        found = [one for one in (self._switched(times, states), self._vanishing(times, states)) if one is not None]
-        if not found:
+        candidates = [one for one in (self._switched(times, states), self._vanishing(times, states)) if one is not None]
+        if not candidates:
             return None
-        row, part, what = min(found, key=lambda one: one[:2])
+        row, part, what = min(candidates, key=lambda one: one[:2])
         steps = int(np.count_nonzero(np.diff(times[row:])))
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
@@ -93,8 +93,8 @@ class Discontinuities:
             return ""
         if not np.isfinite(slope).all():
             return ""
-        found = self.on(np.array([t, t + h]), np.array([y, y + h * slope]))
-        return "" if found is None else found.what
+        discontinuity = self.on(np.array([t, t + h]), np.array([y, y + h * slope]))
+        return "" if discontinuity is None else discontinuity.what
 
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
         """Return the first surface at which a constraint jumps: the row before it, part of the step, and a message."""
@@ -174,8 +174,8 @@ class Discontinuities:
             least = np.linalg.norm(before + parts[:, None] * change, axis=1)
             ends = np.maximum(np.linalg.norm(before, axis=1), np.linalg.norm(g[:, :, 1:], axis=1))
             which, rows = np.nonzero((least <= VANISHING_GRADIENT * ends) & (np.diff(times) != 0))
-        for row, place in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
-            constraint, part = int(self.turning[place]), float(parts[place, row])
+        for row, index in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
+            constraint, part = int(self.turning[index]), float(parts[index, row])
             if self._holds_between(times[row : row + 2], states[row : row + 2], part, constraint):
                 names = self.model.equations.constraints.names
                 return row, part, _nothing_restricted(names, constraint)
@@ -185,8 +185,8 @@ class Discontinuities:
         """Return True if a constraint holds on the chord of a step, relative to its terms at the ends."""
         t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
         values, sizes = self.residuals.of_many(t, y, self.parameters)
-        place = self.residuals.places + constraint
-        return bool(abs(values[place, 2]) <= VANISHING_GRADIENT * max(sizes[place, :2]))
+        row = self.residuals.places + constraint
+        return bool(abs(values[row, 2]) <= VANISHING_GRADIENT * max(sizes[row, :2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,12 +234,12 @@ def may_be_discontinuous(model: Model) -> bool:
 
 def _turning(model: Model) -> NDArray[np.intp]:
     """Return the indices of the constraints whose row of G depends on velocities."""
-    found = _TURNING.get(model)
-    if found is None:
+    indices = _TURNING.get(model)
+    if indices is None:
         rows = model.equations.constraints.gradient
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in rows]
-        found = _TURNING[model] = np.flatnonzero(moving)
-    return found
+        indices = _TURNING[model] = np.flatnonzero(moving)
+    return indices
 
 
 def _nothing_restricted(names: Sequence[str], constraint: int) -> str:

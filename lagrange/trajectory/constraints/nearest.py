@@ -68,40 +68,44 @@ class Nearest:
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return the nearest point and its residuals. If Newton's method does not converge, it is the last iterate."""
-        x, found = self.restored(start)
-        if found.largest > ON_SURFACE:
-            return x, found
+        x, residuals = self.restored(start)
+        if residuals.largest > ON_SURFACE:
+            return x, residuals
         for _ in range(MOST_DESCENTS):
-            along = self._step(found, start - x, np.zeros_like(found.values))
+            along = self._step(residuals, start - x, np.zeros_like(residuals.values))
             if self._length(along) <= max(NEAREST * self._length(x - start), CONVERGED * self._length(x)):
                 break
             share, before = 1.0, self._length(x - start)
             while share >= SHORTEST_SHARE:
-                trial, there = self.restored(x + share * along)
-                if there.largest <= ON_SURFACE and self._length(trial - start) < before:
+                trial, trial_residuals = self.restored(x + share * along)
+                if trial_residuals.largest <= ON_SURFACE and self._length(trial - start) < before:
                     break
                 share /= 2
             else:
                 break
-            x, found = trial, there
-        return x, found
+            x, residuals = trial, trial_residuals
+        return x, residuals
 
     def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return a point of the surface close to `start`, by Newton's method with shortest steps, and its residuals."""
-        x, found = start, self._surface(start)
+        x, residuals = start, self._surface(start)
         for _ in range(NEAREST_CORRECTIONS):
-            if not np.isfinite(found.largest) or not np.isfinite(found.gradient).all() or found.largest <= CONVERGED:
+            if (
+                not np.isfinite(residuals.largest)
+                or not np.isfinite(residuals.gradient).all()
+                or residuals.largest <= CONVERGED
+            ):
                 break
-            correction, share = self._step(found, np.zeros_like(x), -found.values), 1.0
+            correction, share = self._step(residuals, np.zeros_like(x), -residuals.values), 1.0
             while share >= SHORTEST_SHARE:
-                there = self._surface(x + share * correction)
-                if there.largest < found.largest:
+                trial_residuals = self._surface(x + share * correction)
+                if trial_residuals.largest < residuals.largest:
                     break
                 share /= 2
             else:
                 break
-            x, found = x + share * correction, there
-        return x, found
+            x, residuals = x + share * correction, trial_residuals
+        return x, residuals
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
         """Return the displacement d with G d = right that is closest to `towards`; zero if it overflows."""
@@ -111,10 +115,10 @@ class Nearest:
         step = np.zeros_like(towards)
         with np.errstate(all="ignore"):
             scaled, scale = balanced(matrix)
-            known = np.concatenate([(self._metric @ towards)[free], right]) / scale
-            if not (np.isfinite(scaled).all() and np.isfinite(known).all()):
+            right_side = np.concatenate([(self._metric @ towards)[free], right]) / scale
+            if not (np.isfinite(scaled).all() and np.isfinite(right_side).all()):
                 return step
-            solution = np.linalg.lstsq(scaled, known, rcond=RANK)[0] / scale
+            solution = np.linalg.lstsq(scaled, right_side, rcond=RANK)[0] / scale
         if np.isfinite(solution).all():
             step[free] = solution[:n]
         return step

@@ -126,9 +126,9 @@ def dependent_passage(
             continue
         if stopped and near.at(times, states, _few(range(row, len(times)))).max() <= ON_THE_WAY:
             continue
-        found = near.found(float(times[row]), states[row])
-        if found is not None and found.motion is None and found.regularity <= bound:
-            return near.last_known(times, states, row, rtol), found
+        dependent = near.found(float(times[row]), states[row])
+        if dependent is not None and dependent.motion is None and dependent.regularity <= bound:
+            return near.last_known(times, states, row, rtol), dependent
     return None
 
 
@@ -141,7 +141,7 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
     if not len(short):
         short = np.array([np.argmin(sizes)])
     series = np.split(short, np.flatnonzero(np.diff(short) > 1) + 1)
-    least = [(int(one[np.argmin(sizes[one])]), int(one[0]), int(one[-1])) for one in series]
+    least = [(int(rows[np.argmin(sizes[rows])]), int(rows[0]), int(rows[-1])) for rows in series]
     kept = sorted(sorted(least, key=lambda places: float(sizes[places[0]]))[:MOST_PLACES])
     return [(FIRST_STEPS + row, range(FIRST_STEPS + first, FIRST_STEPS + last + 2)) for row, first, last in kept]
 
@@ -189,11 +189,11 @@ class Nearness:
         The arrays are times (S+1,) and states (S+1, 2n).
         """
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
-        known = np.isfinite(matrices).all(axis=(1, 2))
+        finite = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(rows), np.inf)
         # If constraints are dependent everywhere, the reference is zero and cannot scale the values.
         if self._unit:
-            values[known] = np.linalg.svd(matrices[known], compute_uv=False)[:, -1] / self._unit
+            values[finite] = np.linalg.svd(matrices[finite], compute_uv=False)[:, -1] / self._unit
         return values
 
     def nearest(self, times: FloatArray, states: FloatArray, series: range) -> int:
@@ -203,10 +203,12 @@ class Nearness:
         """
         while True:
             rows = _few(series)
-            place = int(np.argmin(self.at(times, states, rows)))
+            smallest = int(np.argmin(self.at(times, states, rows)))
             if len(rows) == len(series):
-                return rows[place]
-            series = range(rows[max(place - 1, 0)], (rows[place + 1] if place + 1 < len(rows) else series[-1]) + 1)
+                return rows[smallest]
+            series = range(
+                rows[max(smallest - 1, 0)], (rows[smallest + 1] if smallest + 1 < len(rows) else series[-1]) + 1
+            )
 
     def last_known(self, times: FloatArray, states: FloatArray, row: int, rtol: float) -> int:
         """Return the last row up to `row` where an error rtol of the constraints changes velocities by sqrt(rtol)."""

@@ -70,16 +70,16 @@ class Projection:
             return y
         alone = np.zeros(len(y), dtype=bool)
         alone[rows] = True
-        found = self.solved_for(rows.tolist(), y)
-        if found is None:
-            found = self._beside_rest(rows, y)
-        if found is None:
+        completed_state = self.solved_for(rows.tolist(), y)
+        if completed_state is None:
+            completed_state = self._beside_rest(rows, y)
+        if completed_state is None:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
                 f"{names}, without inertia, {'has' if len(rows) == 1 else 'have'} no velocities at the initial state "
                 f"({self.place(y)}) that satisfy the equations of motion, of first order: give another state."
             )
-        return np.where(alone & (y == 0.0), found, y)
+        return np.where(alone & (y == 0.0), completed_state, y)
 
     def _beside_rest(self, rows: NDArray[np.int_], y: FloatArray) -> FloatArray | None:
         """Return the same result, with the solution started from small nonzero velocities.
@@ -101,11 +101,11 @@ class Projection:
         """Raise StatementError if a state is off the constraints by more than the rounding of typed numbers."""
         units = units_of(self.metric(y))
         for part in (0, 1):
-            found = self._at(part, y, units)
-            self.differentiable(found, part, y)
-            far = _far(found)
+            residuals = self._at(part, y, units)
+            self.differentiable(residuals, part, y)
+            far = _far(residuals)
             if far:
-                raise StatementError(self._violated(found, far, part, y))
+                raise StatementError(self._violated(residuals, far, part, y))
 
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
         """Return a sentence on the constraints that a state violates by more than rounding, or None.
@@ -114,10 +114,10 @@ class Projection:
         """
         units = units_of(self.metric(before))
         for part in (0, 1):
-            found = self._at(part, y, units)
-            far = _far(found)
+            residuals = self._at(part, y, units)
+            far = _far(residuals)
             if far:
-                return f"{self._values(found, far, part)}."
+                return f"{self._values(residuals, far, part)}."
         return None
 
     def of(self, y: FloatArray) -> FloatArray:
@@ -125,9 +125,9 @@ class Projection:
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
             self.differentiable(self._at(part, after, units), part, after)
-            after, found = self._nearest(part, after, units)
-            if not found.largest <= ON_SURFACE:
-                raise StatementError(self._not_met(found, part, after))
+            after, residuals = self._nearest(part, after, units)
+            if not residuals.largest <= ON_SURFACE:
+                raise StatementError(self._not_met(residuals, part, after))
         return after
 
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
@@ -137,8 +137,8 @@ class Projection:
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
-            after, found = self._nearest(part, after, units, nearest=nearest)
-            if not found.largest <= ON_SURFACE:
+            after, residuals = self._nearest(part, after, units, nearest=nearest)
+            if not residuals.largest <= ON_SURFACE:
                 return None
         return after
 
@@ -157,8 +157,8 @@ class Projection:
             return after
 
         search = Nearest(lambda entries: self._at(part, moved(entries), units), self.metric(y), self.free[rows])
-        found, residuals = search.of(y[rows]) if nearest else search.restored(y[rows])
-        return moved(found), residuals
+        point, residuals = search.of(y[rows]) if nearest else search.restored(y[rows])
+        return moved(point), residuals
 
     def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
         """Raise StatementError if a constraint has no value, or no derivative, at a state."""
@@ -192,7 +192,7 @@ class Projection:
 
     def _stated(self, part: int) -> list[Constraint]:
         """Return the stated constraints on coordinates (part 0), or on velocities (part 1)."""
-        return [one for one in self.residuals.stated if part or one.holonomic]
+        return [constraint for constraint in self.residuals.stated if part or constraint.holonomic]
 
     def _values(self, found: Residuals, rows: list[int], part: int) -> str:
         """Return the text of the values of the constraints in `rows`."""
@@ -264,8 +264,8 @@ def _far(found: Residuals) -> list[int]:
 
 def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
     """Return the projection that moves only some entries of the state."""
-    held = np.flatnonzero(~moving).tolist()
-    return Projection(projection.model, projection.t, projection.parameters, held)
+    fixed = np.flatnonzero(~moving).tolist()
+    return Projection(projection.model, projection.t, projection.parameters, fixed)
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
@@ -276,7 +276,9 @@ def _zero(stated: Constraint, part: int, model: Model) -> str:
 
 def _text(stated: Constraint, model: Model) -> str:
     read = model.statement.reading or model.statement
-    typed = next((one.expression for one in read.constraints if one.name == stated.name), stated.expression)
+    typed = next(
+        (constraint.expression for constraint in read.constraints if constraint.name == stated.name), stated.expression
+    )
     plain = typed.xreplace(dict(model.statement.plain))
     text = str(plain.xreplace({function: sympy.Symbol(name_of(function)) for function in plain.atoms(AppliedUndef)}))
     return text if len(text) <= LONGEST_EXPRESSION else text[: LONGEST_EXPRESSION - 3] + "..."

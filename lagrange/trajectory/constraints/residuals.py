@@ -33,18 +33,18 @@ class ConstraintResiduals:
     def __init__(self, model: Model) -> None:
         equations = model.equations
         count = len(equations.first_order)
-        held = equations.stated.joined(equations.constraints.last(count))
-        relations = zip(held.names[-count:], held.velocities[-count:], strict=True) if count else ()
+        constraints = equations.stated.joined(equations.constraints.last(count))
+        relations = zip(constraints.names[-count:], constraints.velocities[-count:], strict=True) if count else ()
         self.stated = (
             *model.statement.constraints,
             *(Constraint(name, equations.express(relation), holonomic=False) for name, relation in relations),
         )
-        self.names = held.names
-        self.holonomic = np.array([phi is not None for phi in held.positions])
-        places = [phi for phi in held.positions if phi is not None]
+        self.names = constraints.names
+        self.holonomic = np.array([phi is not None for phi in constraints.positions])
+        places = [phi for phi in constraints.positions if phi is not None]
         self.places = len(places)
-        stated = (*places, *held.velocities)
-        entries = [entry for row in held.gradient for entry in row]
+        stated = (*places, *constraints.velocities)
+        entries = [entry for row in constraints.gradient for entry in row]
         # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
         self._entries = len(entries)
         self._present = [k for k, entry in enumerate(entries) if entry is not entry.graph.zero] or [0]
@@ -70,11 +70,11 @@ class ConstraintResiduals:
         if self._corners is not None and self.at_corner(t, y, parameters) is not None:
             return False
         quick = self._residuals.quick(parameters)
-        found = None if quick is None else quick.whole(t, y)
-        if found is None:
-            found = self._residuals(t, y, parameters)
-        half = len(found) // 2
-        return bool((np.abs(found[:half]) <= ON_SURFACE * found[half:]).all())
+        quick_result = None if quick is None else quick.whole(t, y)
+        if quick_result is None:
+            quick_result = self._residuals(t, y, parameters)
+        half = len(quick_result) // 2
+        return bool((np.abs(quick_result[:half]) <= ON_SURFACE * quick_result[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
         """Return the text of the constraint that a state violates most, and its violation relative to its terms."""
@@ -86,7 +86,10 @@ class ConstraintResiduals:
     @property
     def labels(self) -> list[str]:
         """The texts of the constraints on positions, then of all constraints."""
-        return [*(name for name, place in zip(self.names, self.holonomic, strict=True) if place), *self.names]
+        return [
+            *(name for name, is_holonomic in zip(self.names, self.holonomic, strict=True) if is_holonomic),
+            *self.names,
+        ]
 
     def of_many(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return phi, then psi, and the sizes of their terms, (p + m, k) each, at times (k,) and states (2n, k)."""
@@ -125,9 +128,9 @@ class ConstraintResiduals:
         """Return the index of the first constraint with a corner at a state, as y = abs(x) has at x = 0, or None."""
         if self._corners is None:
             return None
-        found, n = self._corners(t, y, parameters), len(y[self._layout.q])
-        count = len(found) // (n + 2)
-        values, sizes, slopes = found[:count], found[count : 2 * count], found[2 * count :].reshape(count, n)
+        corners, n = self._corners(t, y, parameters), len(y[self._layout.q])
+        count = len(corners) // (n + 2)
+        values, sizes, slopes = corners[:count], corners[count : 2 * count], corners[2 * count :].reshape(count, n)
         for row in np.flatnonzero(np.abs(values) <= ON_SURFACE * np.maximum(sizes, np.abs(slopes) @ np.abs(y[:n]))):
             across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * CORNER_DISTANCE * (np.abs(y[:n]).max() or 1.0)
             behind, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
@@ -138,9 +141,9 @@ class ConstraintResiduals:
 
     def _of(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(all="ignore"):
-            found = self._residuals(t, y, parameters)
-        half = len(found) // 2
-        return found[:half], found[half:]
+            results = self._residuals(t, y, parameters)
+        half = len(results) // 2
+        return results[:half], results[half:]
 
 
 def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -177,7 +180,7 @@ _KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
 
 def residuals_of(model: Model) -> ConstraintResiduals:
     """Return the residuals of a model, cached in the model."""
-    found = _KNOWN.get(model)
-    if found is None:
-        found = _KNOWN[model] = ConstraintResiduals(model)
-    return found
+    residuals = _KNOWN.get(model)
+    if residuals is None:
+        residuals = _KNOWN[model] = ConstraintResiduals(model)
+    return residuals

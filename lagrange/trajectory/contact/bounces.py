@@ -105,8 +105,8 @@ def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) ->
 
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
     """Return the partial derivative of a gap by time at fixed coordinates."""
-    held = {x: sympy.Dummy() for x in q}
-    return gap.xreplace(held).diff(time).xreplace({dummy: x for x, dummy in held.items()})
+    symbols = {x: sympy.Dummy() for x in q}
+    return gap.xreplace(symbols).diff(time).xreplace({dummy: x for x, dummy in symbols.items()})
 
 
 class Bounces:
@@ -140,9 +140,9 @@ class Bounces:
         After so many impacts, a falling ball is not much below `SMALLEST_BOUNCE`. `restitutions` are those of the
         contacts, None if it depends on the speed.
         """
-        known = [e for e in restitutions if e is not None and e > 0]
-        weakest = min(known, default=1.0)
-        if len(known) < len(restitutions) or weakest == 1.0:
+        constants = [e for e in restitutions if e is not None and e > 0]
+        weakest = min(constants, default=1.0)
+        if len(constants) < len(restitutions) or weakest == 1.0:
             return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
         share = self.speeds[-1] / self.speeds.max() if len(self.speeds) else 1.0
         return max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest)))

@@ -88,8 +88,8 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     """
     count = math.prod(len(contact.cases()) for contact in contacts)
     if count > MOST_CASES:
-        found = _by_pivoting(matrix, bias, contacts)
-        return [] if found is None else [found]
+        balances = _by_pivoting(matrix, bias, contacts)
+        return [] if balances is None else [balances]
     kept: list[Balance] = []
     for balance in _balances(matrix, bias, contacts):
         twin = next((i for i, other in enumerate(kept) if _same(balance, other, matrix, bias)), None)
@@ -289,14 +289,14 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Fricti
     seen = np.array([row for _, row in spans] + sides)
     square = np.zeros((k + s + len(owners),) * 2)
     square[: k + s, : k + s] = seen @ matrix @ pushes
-    for place, (owner, static) in enumerate(ratios):
+    for index, (owner, static) in enumerate(ratios):
         speed = k + s + owners.index(owner)
-        square[k + place, speed], square[speed, k + place], square[speed, owner] = 1.0, -1.0, static
+        square[k + index, speed], square[speed, k + index], square[speed, owner] = 1.0, -1.0, static
     right = np.concatenate([seen @ bias, np.zeros(len(owners))])
-    found = lemke(square, right)
-    if found is None:
+    solution = lemke(square, right)
+    if solution is None:
         return None
-    forces = pushes @ found[: k + s]
+    forces = pushes @ solution[: k + s]
     rates = matrix @ forces + bias
     states, ways = [], []
     weak, noise = NOISE * float(np.abs(forces).max(initial=0.0)), _noise(matrix, bias, forces)
@@ -307,9 +307,9 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Fricti
         elif not contact.components:
             state = CLOSED
         else:
-            held = way is None and slide <= 10 * float(noise[along].max())
-            state = STICKING if held else SLIDING
-            way = rates[along] / slide if way is None and not held else way
+            sticks = way is None and slide <= 10 * float(noise[along].max())
+            state = STICKING if sticks else SLIDING
+            way = rates[along] / slide if way is None and not sticks else way
         states.append(state)
         ways.append(way)
     directions = np.concatenate([np.zeros(1 + each.components) for each in contacts])
@@ -338,9 +338,9 @@ def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
                 table[other] -= table[other, entering] * table[row]
         leaving, basis[row] = basis[row], entering
         if leaving == 2 * n:
-            found = np.zeros(2 * n + 1)
-            found[basis] = table[:, -1]
-            return found[n : 2 * n]
+            solution = np.zeros(2 * n + 1)
+            solution[basis] = table[:, -1]
+            return solution[n : 2 * n]
         entering = leaving + n if leaving < n else leaving - n
         column = table[:, entering]
         able = np.flatnonzero(column > NOISE * max(1.0, float(np.abs(column).max())))

@@ -72,9 +72,9 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
     """
     modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
     impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))
-    known = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
+    matching = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
     wide = [each.shape[1:] == (FRICTION + len(stated.slip),) for each, stated in zip(impacts, contacts, strict=True)]
-    if known != {True} or len(arrays["begins"]) != len(modes) or not all(wide):
+    if matching != {True} or len(arrays["begins"]) != len(modes) or not all(wide):
         raise StatementError("its modes are not those of the contacts of its system.")
     rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in range(len(contacts)))
     return ContactHistory(arrays["begins"], modes, impacts, rests, arrays["rubbed"])
@@ -116,20 +116,20 @@ class ContactRun:
 
     def labels(self, contact: int) -> NDArray[Any]:
         """Return the state of a contact at the output times, as texts (N,)."""
-        found = np.full(len(self.t), OPEN, dtype="<U8")
+        states = np.full(len(self.t), OPEN, dtype="<U8")
         for mode, where in self._segments(self.t):
-            found[where] = mode.labels[contact]
-        return found
+            states[where] = mode.labels[contact]
+        return states
 
     def evaluate(self, expression: Any) -> FloatArray:
         """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each time.
 
         It may contain gaps and normal forces of contacts, in addition to what `Solution.evaluate` allows.
         """
-        found = np.empty(len(self.t))
+        values = np.empty(len(self.t))
         for mode, where in self._segments(self.t):
-            found[where] = self._in_mode(mode, expression, self.t[where], self.trajectory.y[:, where])
-        return found
+            values[where] = self._in_mode(mode, expression, self.t[where], self.trajectory.y[:, where])
+        return values
 
     def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
         """Return an expression (K,) at times (K,) and states (2n, K) in a mode."""
@@ -143,14 +143,14 @@ class ContactRun:
     def friction(self, contact: int) -> FloatArray:
         """Return the friction force of a contact along its slip components, at the outputs, (components, N)."""
         each = self.model.statement.contacts[contact]
-        found = np.zeros((len(each.slip), len(self.t)))
+        forces = np.zeros((len(each.slip), len(self.t)))
         for mode, where in self._segments(self.t):
             if mode.labels[contact] in (SLIDING, STICKING):
                 y = self.trajectory.y[:, where]
-                found[:, where] = [
+                forces[:, where] = [
                     self._in_mode(mode, force, self.t[where], y) for force in _friction(each, mode, contact)
                 ]
-        return found
+        return forces
 
     @cached_property
     def energy_lost(self) -> FloatArray:
@@ -248,8 +248,8 @@ class ContactResult:
     @cached_property
     def friction(self) -> FloatArray:
         """The friction force at the output times, (N,), or (2, N) in a plane, positive along the stated slip."""
-        found = self._run.friction(self._which)
-        return found[0] if len(found) == 1 else found
+        forces = self._run.friction(self._which)
+        return forces[0] if len(forces) == 1 else forces
 
     @cached_property
     def impacts(self) -> tuple[Impact, ...]:

@@ -80,10 +80,10 @@ def contact_function(model: Model) -> Kernel:
         stated[each.name] = equations.translate(each.gap)
         stated |= dict(zip(each.slip_names, map(equations.translate, each.slip), strict=True))
         holonomic += [True] + [False] * len(each.slip)
-    found = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
-    gaps = [gap for gap in found.positions if gap is not None]
-    gradient = [entry for row in found.gradient for entry in row]
-    return quick_function(model, "contacts", (*gaps, *found.velocities, *found.bias, *gradient))
+    constraints = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
+    gaps = [gap for gap in constraints.positions if gap is not None]
+    gradient = [entry for row in constraints.gradient for entry in row]
+    return quick_function(model, "contacts", (*gaps, *constraints.velocities, *constraints.bias, *gradient))
 
 
 def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
@@ -129,8 +129,8 @@ class Kinematics:
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the sizes (k,) up to which they are zero."""
-        found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
-        return found.copy(), np.full(len(found), TOUCHING * max(self._places.max(), np.abs(found).max()))
+        values = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
+        return values.copy(), np.full(len(values), TOUCHING * max(self._places.max(), np.abs(values).max()))
 
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
         """Return True if gap and gap rate of a contact are zero at states (2n, N), and its slips at `sticking` ones."""
@@ -183,9 +183,9 @@ class Kinematics:
             return y
         both = [*contacts, *(i for i in kept if i not in contacts)]
         y, normals = y.copy(), [self.normals[i] for i in both]
-        wanted = np.array([*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))])
+        changes = np.array([*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))])
         y[self.model.layout.q] -= touch.responses[:, normals] @ least_solution(
-            touch.compliance[np.ix_(normals, normals)], wanted
+            touch.compliance[np.ix_(normals, normals)], changes
         )
         return y
 

@@ -105,11 +105,11 @@ class PreparedMode:
     @cached_property
     def zeros(self) -> Kernel:
         """The expressions of the events that end the mode, as a function."""
-        own = self.events[self.own]
+        events = self.events[self.own]
         return quick_function(
             self.model,
             "ends",
-            tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in own),
+            tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in events),
         )
 
 
@@ -151,22 +151,22 @@ class Modes:
             model = self.model_of(mode) if friction is None else friction.model
             if len(self._prepared) > EVENTS_KEPT * (1 + len(self._models)):
                 self._prepared.clear()
-            own, ends = _ends(self.contacts, mode)
+            mode_events, ends = _ends(self.contacts, mode)
             absent = {each.normal: sympy.S.Zero for i, each in enumerate(self.contacts) if mode.states[i] == OPEN}
             if written is not None:
-                own = tuple(
+                mode_events = tuple(
                     event if reset is None else replace(event, terminal=most, reset=reset)
-                    for event, reset in zip(own, written.resets, strict=True)
+                    for event, reset in zip(mode_events, written.resets, strict=True)
                 )
             if friction is not None:
                 absent[self.contacts[friction.which].normal] = friction.normal
-                pairs = [(_present(event, absent), end) for event, end in zip(own, ends, strict=True)]
+                pairs = [(_present(event, absent), end) for event, end in zip(mode_events, ends, strict=True)]
                 # If the normal force is constant, it never ends the mode.
                 pairs = [pair for pair in pairs if pair[1][1] in (RELEASE, GAP) and pair[0].expression.has(time)]
-                own = (*(event for event, _ in pairs), *friction.events)
+                mode_events = (*(event for event, _ in pairs), *friction.events)
                 ends = tuple(end for _, end in pairs)
             stated = tuple(_present(event, absent) for event in problem.events)
-            self._prepared[key] = PreparedMode(model, (*stated, *own), ends, friction)
+            self._prepared[key] = PreparedMode(model, (*stated, *mode_events), ends, friction)
         return self._prepared[key]
 
     @cached_property
@@ -206,8 +206,8 @@ class Modes:
     def constraint_count(self, mode: Mode) -> int:
         """Return the number of constraints of a mode: stated ones, and those of closed contacts."""
         pairs = zip(self.contacts, mode.states, strict=True)
-        held = [1 + (state == STICKING) * len(each.slip) for each, state in pairs if state != OPEN]
-        return len(self.model.statement.constraints) + sum(held)
+        counts = [1 + (state == STICKING) * len(each.slip) for each, state in pairs if state != OPEN]
+        return len(self.model.statement.constraints) + sum(counts)
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""
@@ -280,8 +280,8 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], t
             zeros.append(each.slip[0] * way if len(each.slip) == 1 else _speed(each) - mode.slowest)
             ends.append((i, SLIP))
         if state == STICKING:
-            held = [multiplier(name) ** 2 for name in each.slip_names]
-            zeros.append(each.friction[0] ** 2 * each.normal**2 - sympy.Add(*held))
+            slip_forces = [multiplier(name) ** 2 for name in each.slip_names]
+            zeros.append(each.friction[0] ** 2 * each.normal**2 - sympy.Add(*slip_forces))
             ends.append((i, CONE))
     return tuple(Event(zero, direction=-1, terminal=1) for zero in zeros), tuple(ends)
 

@@ -134,8 +134,8 @@ class _ContactRun:
                 self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, *stop))
                 break
             segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
-        found = joined(problem, self.parts, self._note(), both_at_joints=True)
-        return replace(found, contacts=self._history())
+        run = joined(problem, self.parts, self._note(), both_at_joints=True)
+        return replace(run, contacts=self._history())
 
     def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
         """Append a segment and its mode to the run."""
@@ -248,28 +248,28 @@ class _ContactRun:
         None means that the segment must be run again without compiled changes: a step failed, or rounding opened the
         gap or began a slip.
         """
-        found, last = self.found, last_state(self.found)
-        if found.status in FAILED:
+        segment, last = self.found, last_state(self.found)
+        if segment.status in FAILED:
             return None
-        times, before, ways = friction.ways(found, last)
-        states, at = np.column_stack([before.T, last]), np.append(times, found.span[1])
+        times, before, ways = friction.ways(segment, last)
+        states, at = np.column_stack([before.T, last]), np.append(times, segment.span[1])
         sticking = states[friction.model.layout.q.stop - 1] == 0
         if not self.kinematics.held(friction.which, at, friction.plain(states), sticking):
             return None
         following = {way: mode.going(friction.which, way) for way in (-1, 0, 1)}
         ends = bool(self._fired())
         changes = zip(times.tolist(), ways.tolist(), strict=True)
-        return [(t, following[round(way)]) for t, way in changes if not (ends and t == found.span[1])]
+        return [(t, following[round(way)]) for t, way in changes if not (ends and t == segment.span[1])]
 
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
         Impacts of several contacts at one instant, and steps that fail, need a test of each impact.
         """
-        found, users, end = self.found, len(self.problem.events), self.found.span[1]
-        if found.status in FAILED:
+        segment, users, end = self.found, len(self.problem.events), self.found.span[1]
+        if segment.status in FAILED:
             return False
-        times, which, before = in_order(found.t_events[users:], found.y_events[users:])
+        times, which, before = in_order(segment.t_events[users:], segment.y_events[users:])
         inner = np.searchsorted(times, end)
         if not inner:
             return True
@@ -313,7 +313,7 @@ class _ContactRun:
         A series locates the zero to the tolerance of the run only. The motion is followed from there for the remaining
         time.
         """
-        found, (begin, end), y = self.found, self.found.span, self._end_state()
+        part, (begin, end), y = self.found, self.found.span, self._end_state()
         self.fired = self._fired()
         if self.fired:
             event, parameters = self.prepared.ends.index(self.fired[0]), segment.parameter_array
@@ -323,16 +323,16 @@ class _ContactRun:
             late = h * value / (value - before) if value != before else 0.0
             if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
                 y, end = y - late * rates, end - late
-                found = replace(found, t=np.where(found.t == found.span[1], end, found.t), span=(begin, end))
-        self.end_state, self.found = self.prepared.plain(y), self.prepared.plain_run(_ended(found, y))
+                part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
+        self.end_state, self.found = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
 
     def _end_state(self) -> FloatArray:
         """Return the state (2n,) at the events that ended the last segment, before any reset."""
-        found, users = self.found, len(self.problem.events)
-        for when, states in zip(found.t_events[users:], found.y_events[users:], strict=True):
-            if len(when) and when[-1] == found.span[1]:
+        segment, users = self.found, len(self.problem.events)
+        for when, states in zip(segment.t_events[users:], segment.y_events[users:], strict=True):
+            if len(when) and when[-1] == segment.span[1]:
                 return np.ascontiguousarray(states[-1])
-        return last_state(found)
+        return last_state(segment)
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
         """Return the state and the mode after the last segment, and after the impacts at its end."""

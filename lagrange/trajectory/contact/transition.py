@@ -127,11 +127,11 @@ class Transitions:
                 strict=True,
             )
         )
-        found = {}
+        ways = {}
         for i in freed:
             force = np.array([forces[name] for name in self.kinematics.contacts[i].slip_names])
-            found[i] = -force / np.linalg.norm(force)
-        return found
+            ways[i] = -force / np.linalg.norm(force)
+        return ways
 
     def _impact(
         self,
@@ -209,9 +209,9 @@ class Transitions:
             rows += [normal, *along[: law.components]]
             shift += [-e * speed] + [0.0] * law.components
         bias = rates[rows] + np.array(shift)
-        found = self._only(solutions(touch.compliance[np.ix_(rows, rows)], bias, laws), touch, y, chosen, "impact")
+        balance = self._only(solutions(touch.compliance[np.ix_(rows, rows)], bias, laws), touch, y, chosen, "impact")
         impulses = np.zeros(len(rates))
-        impulses[rows] = found.forces
+        impulses[rows] = balance.forces
         return impulses
 
     def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
@@ -255,10 +255,10 @@ class Transitions:
                 rows += [normal, *along[: law.components]]
             compliance = touch.compliance
             matrix = compliance[np.ix_(rows, rows)]
-            found = self._only(solutions(matrix, pulls[rows], laws), touch, y, resting, "motion")
-            pulls = pulls + compliance[:, rows] @ found.forces
-            terms[rows] += np.abs(matrix) @ np.abs(found.forces)
-            for i, state, way in zip(resting, found.states, found.ways, strict=True):
+            balance = self._only(solutions(matrix, pulls[rows], laws), touch, y, resting, "motion")
+            pulls = pulls + compliance[:, rows] @ balance.forces
+            terms[rows] += np.abs(matrix) @ np.abs(balance.forces)
+            for i, state, way in zip(resting, balance.states, balance.ways, strict=True):
                 states[i] = state
                 if state == SLIDING and way is not None:
                     slides[i] = way
@@ -296,12 +296,12 @@ class Transitions:
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
         """Return the independent constraints of a mode if some follow from others, else None."""
-        held = touch.directions[self._held_rows(states)]
-        if len(held) < 2:
+        gradient = touch.directions[self._held_rows(states)]
+        if len(gradient) < 2:
             return None
         stated = self.kinematics.stated_directions(t, y)
-        kept = independent_rows(np.vstack([stated, held]))
-        return None if len(kept) == len(stated) + len(held) else kept
+        kept = independent_rows(np.vstack([stated, gradient]))
+        return None if len(kept) == len(stated) + len(gradient) else kept
 
     def _held_rows(self, states: Sequence[str]) -> list[int]:
         """Return the rows of gaps and slips that are constraints in a mode."""
@@ -319,15 +319,15 @@ class Transitions:
         The kinetic energy measures the change; velocities that are rounding become zero. Rows of `begins`, a slip or a
         gap that begins to grow, get the given rates: rounding of their accelerations could end them again.
         """
-        held = self._held_rows(mode.states)
-        if not held and not begins:
+        held_rows = self._held_rows(mode.states)
+        if not held_rows and not begins:
             return y
         if mode.still:
             return np.where(np.arange(len(y)) < self._layout.q.stop, y, 0.0)
-        y, rows = y.copy(), [*held, *begins]
-        changes = np.array([*np.zeros(len(held)), *begins.values()]) - touch.rates[rows]
+        y, rows = y.copy(), [*held_rows, *begins]
+        changes = np.array([*np.zeros(len(held_rows)), *begins.values()]) - touch.rates[rows]
         v = y[self._layout.v].copy()
         v += touch.responses[:, rows] @ least_solution(touch.compliance[np.ix_(rows, rows)], changes)
-        v[touch.directions[held].any(axis=0) & (np.abs(v) <= touch.still)] = 0.0
+        v[touch.directions[held_rows].any(axis=0) & (np.abs(v) <= touch.still)] = 0.0
         y[self._layout.v] = v
         return y

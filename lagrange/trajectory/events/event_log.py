@@ -108,10 +108,10 @@ class EventLog:
         """Return the first of the zeros `found` that changes the motion by an event of `impacts`, or None."""
         seen = [len(times) for times in self.occurrences]
         for zero in found:
-            place = zero.which
-            if impacts[place].counts(zero.root.rising):
-                seen[place] += 1
-                if impacts[place].reset or 0 < impacts[place].terminal <= seen[place]:
+            index = zero.which
+            if impacts[index].counts(zero.root.rising):
+                seen[index] += 1
+                if impacts[index].reset or 0 < impacts[index].terminal <= seen[index]:
                     return zero
         return None
 

@@ -59,9 +59,9 @@ class WatchedEvents:
         """Return the translated events of a problem."""
         model = problem.model
         impacts = impacts_of(model, problem.events)
-        kernel = model.function("events", tuple(one.node for one in impacts))
-        memory = StepEventMemory(len(problem.y0), [one.reaction for one in impacts])
-        checked = any(one.constrained for one in impacts)
+        kernel = model.function("events", tuple(impact.node for impact in impacts))
+        memory = StepEventMemory(len(problem.y0), [impact.reaction for impact in impacts])
+        checked = any(impact.constrained for impact in impacts)
         memory.run.resets = int(not checked and inertia_stays(model.equations))
         memory.keep_start()
         return cls(impacts, kernel, memory)
@@ -94,7 +94,7 @@ class WatchedEvents:
             cubic = hermite_polynomial(3)
             screened = not fixed and dense.degree > cubic.degree
             screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
-            resets = next((one.kernel.program for one in self.impacts if one.kernel is not None), None)
+            resets = next((impact.kernel.program for impact in self.impacts if impact.kernel is not None), None)
             self.steps = model.machine.event_steps(driver, self.kernel.program, resets, parameters, dense, screen)
         return self.steps
 
@@ -114,12 +114,12 @@ class WatchedEvents:
         memory.sign[:] = [side.sign for side in zero_sides]
         memory.near[:] = [side.near for side in zero_sides]
         memory.until_end[:] = [
-            max(0, one.terminal - len(found)) for one, found in zip(impacts, occurrences, strict=True)
+            max(0, impact.terminal - len(occurrence)) for impact, occurrence in zip(impacts, occurrences, strict=True)
         ]
-        resets = np.array([one.reset for one in impacts])
+        resets = np.array([impact.reset for impact in impacts])
         memory.remaining[:] = np.where(resets, 1, memory.until_end)
         memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(impacts))]
-        unmet = [UNKNOWN if one.reset else ANYHOW for one in impacts]
+        unmet = [UNKNOWN if impact.reset else ANYHOW for impact in impacts]
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:
@@ -128,13 +128,13 @@ class WatchedEvents:
         Events on steps that are not reviewed yet count once these are accepted.
         """
         memory = self.memory
-        waits, proven, found = memory.waits, memory.run.proven, memory.happened()
+        waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
         if waits:
-            log.keep(found.which[:proven], found.when[:proven], found.there[:proven], memory.taken)
-            log.keep(found.which[proven:], found.when[proven:], found.there[proven:], memory.reviewed)
+            log.keep(happened.which[:proven], happened.when[:proven], happened.there[:proven], memory.taken)
+            log.keep(happened.which[proven:], happened.when[proven:], happened.there[proven:], memory.reviewed)
         else:
-            log.keep(found.which, found.when, found.there, log.steps)
-        breaks.extend(found.rows, found.times, found.states)
+            log.keep(happened.which, happened.when, happened.there, log.steps)
+        breaks.extend(happened.rows, happened.times, happened.states)
 
     @property
     def sides(self) -> list[Side]:

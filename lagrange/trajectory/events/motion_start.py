@@ -74,14 +74,14 @@ of the largest value on the step counts as zero.
 
 def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
     """Return True if the motion passes an event in its direction even after its reset, so that the reset is useless."""
-    t, y, one, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
+    t, y, impact, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
     after = y.copy()
-    one.apply(t, y, parameters, after)
+    impact.apply(t, y, parameters, after)
     slope = model.rhs(t, after, parameters)
     h = SMALL_FRACTION * sample.h
     around = [float(kernel(t + s * h, after + s * h * slope, parameters)[place]) for s in (-1, 0, 1)]
     rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
-    return one.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
+    return impact.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
 
 
 def sent_through(

@@ -76,12 +76,12 @@ class SeriesWatch(EventLog):
         self._values: dict[int, FloatArray] = {}
         self._last: tuple[object, EventSeries] | None = None
         if memory is None:
-            resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
-            reactions = [one.reaction for one in self.impacts]
+            resets = next((impact.kernel for impact in self.impacts if impact.kernel is not None), None)
+            reactions = [impact.reaction for impact in self.impacts]
             states = series.program.states
             memory = EventMemory(states, self.surfaces, reactions, series.values, resets, parameters)
             memory.record.hides_growth, memory.record.steep = int(self.hides_growth), int(self.steep)
-            memory.record.checked = int(any(one.constrained for one in self.impacts))
+            memory.record.checked = int(any(impact.constrained for impact in self.impacts))
             driver.watch(memory)
             memory.keep_start()
         else:
@@ -152,22 +152,22 @@ class SeriesWatch(EventLog):
         if self.unbegun and (begun := self._begin(state)).status is not None:
             return begun
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
-        for there in self.continuations.ahead(state):
-            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self.ahead(state), soon))
+        for end in self.continuations.ahead(state):
+            y = self.continuations.landing(state, end, switched=lambda soon: self._switches(self.ahead(state), soon))
             if y is None:
                 continue
             sides = [self.zero_sides[i].sign for i in events]
-            values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
-            ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
+            values = np.concatenate([self.parameters, stated_sides(self.series.program, end, y, self.parameters)])
+            ends = np.sign(self.series.rows(self.order, end, y, signed_scale(state), values)[0, len(y) :][events])
             # A zero at the start of the motion is not an event, but a zero with a reset must not be passed.
             if all(
                 b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)
             ):
-                self.continuations.land(state, there, y, state.count(S.STEPS) + self.jumps)
+                self.continuations.land(state, end, y, state.count(S.STEPS) + self.jumps)
                 self.jump()
                 self.driver.restart(state)
-                done = there == state.reals[S.END]
+                done = end == state.reals[S.END]
                 return replace(EventResult(Status.SUCCESS) if done else self.begin(state), jumped=True)
         return self._rootless(state)
 
@@ -186,16 +186,16 @@ class SeriesWatch(EventLog):
 
     def _finish(self, state: DriverState) -> EventResult:
         """Apply the pending zeros: cross surfaces, record events, reset the state, or end the run."""
-        found, self.pending = self.pending, []
-        if self.change_counter.accumulates(state.t, (m.which for m in found)):
-            return accumulating(self.names()[found[0].which])
+        pending, self.pending = self.pending, []
+        if self.change_counter.accumulates(state.t, (m.which for m in pending)):
+            return accumulating(self.names()[pending[0].which])
         before = list(self.zero_sides)
-        for m in found:
+        for m in pending:
             self.zero_sides[m.which] = Side(m.root.rising or self.zero_sides[m.which].sign)
-        self.starting = frozenset(m.which for m in found)
-        crossed = [m for m in found if m.which < self.surfaces and m.root.rising]
+        self.starting = frozenset(m.which for m in pending)
+        crossed = [m for m in pending if m.which < self.surfaces and m.root.rising]
         result = self._cross(crossed, state) if crossed else EventResult()
-        zeros = [m for m in found if m.which >= self.surfaces]
+        zeros = [m for m in pending if m.which >= self.surfaces]
         if crossed and result.status is None:
             zeros = self._on_surface(zeros, before, state)
         zeros = [m for m in zeros if self.impact_of(m).counts(m.root.rising)]
@@ -204,19 +204,19 @@ class SeriesWatch(EventLog):
         ends = self.occur([m.which - self.surfaces for m in zeros], self.impacts, state)
         resets = [m for m in zeros if self.impact_of(m).reset]
         if resets:
-            return self._jump(resets, found, state, ends=ends)
+            return self._jump(resets, pending, state, ends=ends)
         if ends:
             return EventResult(Status.EVENT)
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
         """Return the zeros of events at a surface, with the direction after it: abs(x), for example, turns back."""
-        found = []
+        events = []
         for m in zeros:
             g = self.ahead(state).near(m.which)
             if clear(g):  # a jump: zero on one side of the surface, another value on the other
                 self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
-                found += [m] * (not self.is_root(m.which))
+                events += [m] * (not self.is_root(m.which))
                 continue
             after = leaving(g)[0]
             if self.is_root(m.which) and g[0] > 0 and not g[1:].any():
@@ -226,8 +226,8 @@ class SeriesWatch(EventLog):
             self.zero_sides[m.which] = Side(after)
             # The step may have ended after the zero: then its direction gives the side before.
             side = -m.root.rising or before[m.which].sign
-            found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
-        return found
+            events.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
+        return events
 
     def _jump(
         self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
@@ -297,20 +297,20 @@ class SeriesWatch(EventLog):
             self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
             return undefined(self.names(), look.watched)
         self.go_on(state)
-        known = self._known(before, look, stayed)
+        sides = self._known(before, look, stayed)
         starts = [look.leaving(i, margin) for i, margin in enumerate(noise.tolist())]
-        self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in known and order != 0)
+        self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in sides and order != 0)
         for i, (sign, _) in enumerate(starts):
-            self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else known.get(i, Side(sign))
+            self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else sides.get(i, Side(sign))
         return EventResult()
 
     def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
         """Return the sides that events keep over a reset. Events in `happened` are undecided."""
         if before is None:
             return {}
-        own = slice(self.surfaces, None)
-        change, there = (before.watched[0, own], look.watched[0, own]), [i - self.surfaces for i in happened]
-        kept = sides_behind(self.zero_sides[own], self.impacts, change, before.noise[own], there)
+        events = slice(self.surfaces, None)
+        change, occurred = (before.watched[0, events], look.watched[0, events]), [i - self.surfaces for i in happened]
+        kept = sides_behind(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
         return {i: side for i, side in enumerate(kept, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
@@ -338,16 +338,16 @@ class SeriesWatch(EventLog):
 
         Those in `happened` are left out. An example is a ball that starts on the floor and falls: it has to bounce.
         """
-        found = []
-        for place, impact in enumerate(self.impacts):
-            which = self.surfaces + place
+        zeros = []
+        for index, impact in enumerate(self.impacts):
+            which = self.surfaces + index
             turns = impact.reset and impact.direction == self.zero_sides[which].sign != 0
             if which in self.starting and which not in happened and turns:
                 y = state.y.copy()
                 impact.apply(state.t, state.y, self.parameters, y)
                 passes = self.ahead(state, y).leaving(which, 0.0) == (impact.direction, 1)
-                found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
-        return found
+                zeros += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
+        return zeros
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
         """Return the series at the state, or at y, with the present sides. The last result is cached."""
@@ -391,9 +391,9 @@ class SeriesWatch(EventLog):
         if memory.record.done:
             # Ctrl-C may come anywhere here. The mark prevents adding occurrences twice.
             steps, mark = state.count(DriverState.STEPS), memory.mark
-            for found, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
+            for occurrences, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes
-                found.extend(times, states, steps, mark)
+                occurrences.extend(times, states, steps, mark)
             memory.forget()
         if memory.record.switches:
             switched = memory.switched()
@@ -425,8 +425,8 @@ class SeriesWatch(EventLog):
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]
-        memory.starting[:] = [place in self.starting for place in range(memory.count)]
-        memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]
+        memory.starting[:] = [index in self.starting for index in range(memory.count)]
+        memory.counts[self.surfaces :] = [len(occurrences) for occurrences in self.occurrences]
         record.fresh, record.changed, record.enabled = 0, self.change_counter.last, int(not self.pending)
 
     @property

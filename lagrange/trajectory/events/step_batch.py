@@ -114,14 +114,14 @@ class StepBatch:
         edge = state_noise(kernel, parameters, times, states, ends)
         steps: Places = np.arange(len(times) - 1)
         degree = DEGREE if len(steps) <= FULL_AT_ONCE else COARSE
-        found = _sampled(path, steps, degree)
-        values = _along(kernel, parameters, path, steps, found)
+        samples = _sampled(path, steps, degree)
+        values = _along(kernel, parameters, path, steps, samples)
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # The error scales with the change of the state: x**2 + v**2 may be constant while x and v change. It is
             # sampled at the same nodes for any number of steps: every second node of the full degree.
             each = slice(None, None, degree // COARSE)
-            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found[..., each], axis=-1) * tilt[:-1, None]
+            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(samples[..., each], axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
             spread = np.fmax(np.ptp(values[..., each], axis=-1), gain)
             sensitive = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
@@ -129,19 +129,19 @@ class StepBatch:
             sure = certain(values[..., each] @ to_chebyshev(COARSE).T, noise)
         batch = cls(kernel, rates, parameters, path, ends, edge, noise, sensitive, sure)
         if degree == DEGREE:
-            batch._keep(steps, found, values)
+            batch._keep(steps, samples, values)
         elif not sure.all():
             doubtful: Places = np.flatnonzero(~sure.all(axis=0))
-            found = _sampled(path, doubtful, DEGREE)
-            batch._keep(doubtful, found, _along(kernel, parameters, path, doubtful, found))
+            samples = _sampled(path, doubtful, DEGREE)
+            batch._keep(doubtful, samples, _along(kernel, parameters, path, doubtful, samples))
         return batch
 
     def sample(self, step: int) -> Sample:
         """Return a step, sampled at the full degree."""
         if step not in self.samples:
             steps = np.array([step])
-            found = _sampled(self.path, steps, DEGREE)
-            self._keep(steps, found, _along(self.kernel, self.parameters, self.path, steps, found))
+            samples = _sampled(self.path, steps, DEGREE)
+            self._keep(steps, samples, _along(self.kernel, self.parameters, self.path, steps, samples))
         return self.samples[step]
 
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:

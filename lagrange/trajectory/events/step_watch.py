@@ -290,13 +290,13 @@ class StepWatch(EventLog):
         self.breaks.append(state.count(S.STEPS) + self.jumps, self._whole)
         if self._verdict is not None:
             return self._verdict
-        found, self._pending = self._pending, []
-        if self.change_counter.accumulates(state.t, (m.which for m in found)):
-            return accumulating(self.names()[found[0].which])
-        zeros = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
+        pending, self._pending = self._pending, []
+        if self.change_counter.accumulates(state.t, (m.which for m in pending)):
+            return accumulating(self.names()[pending[0].which])
+        zeros = [m for m in pending if self.impacts[m.which].counts(m.root.rising)]
         ends = self.occur([m.which for m in zeros], self.impacts, state)
         resets = [m for m in zeros if self.impacts[m.which].reset]
-        result = self._jump(resets, found, state) if resets else EventResult()
+        result = self._jump(resets, pending, state) if resets else EventResult()
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
@@ -395,7 +395,7 @@ class StepWatch(EventLog):
     def _rates(self) -> Kernel:
         """Return the kernel of the time derivatives of the event functions along the motion, compiled at first use."""
         model = self.problem.model
-        return model.function("rates", rates(model.equations, tuple(one.node for one in self.impacts)))
+        return model.function("rates", rates(model.equations, tuple(impact.node for impact in self.impacts)))
 
     def _defined(self, state: DriverState) -> EventResult:
         values = self.kernel(state.t, state.y, self.parameters)
@@ -425,23 +425,23 @@ class StepWatch(EventLog):
             return _cut(batch, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
         self._start = replace(begun, rested=resting) if begun is not None and resting else None
-        found = [EventZero(i, root) for i, one in traces.items() for root in one.found]
-        found.sort(key=lambda m: m.root.time)
+        zeros = [EventZero(i, root) for i, step_zeros in traces.items() for root in step_zeros.found]
+        zeros.sort(key=lambda m: m.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
-        first = self.first_change((m for m in found if m.root.time < until), self.impacts)
+        first = self.first_change((m for m in zeros if m.root.time < until), self.impacts)
         if first is not None:
-            self._part(first, found, traces, sample, taken + step)
+            self._part(first, zeros, traces, sample, taken + step)
             return _cut(batch, step, sample, first.root.time)
-        self._record((m for m in found if m.root.time < until), sample, taken + step)
+        self._record((m for m in zeros if m.root.time < until), sample, taken + step)
         if until < math.inf:
             value = float(sample.events(np.array([until]))[without, 0])
             self._verdict = without_value(self.names()[without], value)
             return _cut(batch, step, sample, until)
-        for i, one in traces.items():
-            self._relay[i] = one.after
+        for i, step_zeros in traces.items():
+            self._relay[i] = step_zeros.after
             value = float(batch.ends[i, step + 1])
-            if abs(value) > CLEAR_FACTOR * abs(self._levels.get(i, 0.0)) and value * one.after.sign > 0:
+            if abs(value) > CLEAR_FACTOR * abs(self._levels.get(i, 0.0)) and value * step_zeros.after.sign > 0:
                 self._levels.pop(i, None)
         return None
 
@@ -469,8 +469,8 @@ class StepWatch(EventLog):
 
         The side of these contacts is undecided, by the rules of `sides_behind`.
         """
-        for i, one in zero.items():
-            sign, order = one.leaving
+        for i, found_zeros in zero.items():
+            sign, order = found_zeros.leaving
             back = self.impacts[i].reset and sign == begun.zeros.get(i, 0) != 0
             entered = self.impacts[i].contact and i not in begun.zeros and self.impacts[i].direction == sign
             if not (back or entered):
@@ -497,9 +497,9 @@ class StepWatch(EventLog):
         here = [m for m in found if abs(m.root.time - s) <= (jump if m.root.jump else close)]
         mine = {m.which: m for m in reversed(here)}
         before = [m for m in found if m.root.time < s - close and m not in here]
-        for i, one in traces.items():
+        for i, step_zeros in traces.items():
             # A contact within its noise of zero keeps its side, and may act after this change.
-            zeros, side = ended(one, s, self._isolate, decided=not self.impacts[i].reset)
+            zeros, side = ended(step_zeros, s, self._isolate, decided=not self.impacts[i].reset)
             self._relay[i] = side
             at_end = [root for root in zeros if root.time >= s - close]
             if at_end and i not in mine:

@@ -113,14 +113,14 @@ class TimeSwitches:
         A surface that is zero only at the start or at the end of the run is a switch there.
         """
         sides = np.sign(self._values(grid))
-        known = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
-        filled = np.take_along_axis(sides, known, axis=1)
+        last_nonzero = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
+        filled = np.take_along_axis(sides, last_nonzero, axis=1)
         changes = filled[:, 1:] * filled[:, :-1] < 0
         changes[:, 0] |= (sides[:, 0] == 0) & (sides[:, 1] != 0)
         changes[:, -1] |= (sides[:, -1] == 0) & (sides[:, -2] != 0)
-        for place in np.flatnonzero(changes.any(axis=0)).tolist():
-            low, high = float(grid[place]), float(grid[place + 1])
-            switches = [self._between(i, low, high) for i in np.flatnonzero(changes[:, place]).tolist()]
+        for index in np.flatnonzero(changes.any(axis=0)).tolist():
+            low, high = float(grid[index]), float(grid[index + 1])
+            switches = [self._between(i, low, high) for i in np.flatnonzero(changes[:, index]).tolist()]
             yield from sorted(switches, key=lambda switch: self._forward * switch[0])
 
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
@@ -133,9 +133,9 @@ class TimeSwitches:
             tested = np.concatenate([zero - spread, zero + spread, [zero, low, 0.5 * (low + high), high]])
             grid = np.unique(np.clip(tested, min(low, high), max(low, high)))[:: int(self._forward)]
             values = self._values(grid)[surface]
-            place = int(np.argmax(np.sign(values) != old))
-            low, high = float(grid[place - 1]), float(grid[place])
-            first, last = values[place - 1], values[place]
+            index = int(np.argmax(np.sign(values) != old))
+            low, high = float(grid[index - 1]), float(grid[index])
+            first, last = values[index - 1], values[index]
         beyond: FloatArray = low + np.arange(1.0, TOGETHER + 1.0) * (high - low)
         return low, float(beyond[np.argmax(np.sign(self._values(beyond)[surface]) == new)])
 

@@ -103,15 +103,15 @@ def roots(
     times, rising = np.empty(MOST_ROOTS), np.empty(MOST_ROOTS, dtype=np.int64)
     side = before.sign, before.near, last
     run = printed() if isolate is None else isolate
-    found, sign, near = UNFIT, 0, False
+    count, sign, near = UNFIT, 0, False
     if 0 < len(polynomial) <= MOST_COEFFICIENTS:
-        found, sign, near = run(polynomial, len(polynomial), float(h), float(noise), *side, times, rising, MOST_ROOTS)
-    if found < 0:
+        count, sign, near = run(polynomial, len(polynomial), float(h), float(noise), *side, times, rising, MOST_ROOTS)
+    if count < 0:
         raise ValueError(
             f"the event function has no coefficients or more than {MOST_COEFFICIENTS}, or they, its noise or the "
             "length of the step are not finite"
         )
-    zeros = zip(times[:found].tolist(), rising[:found].tolist(), strict=True)
+    zeros = zip(times[:count].tolist(), rising[:count].tolist(), strict=True)
     return [Root(time, way) for time, way in zeros], Side(sign, near)
 
 
@@ -157,27 +157,27 @@ def local_polynomials(
     stack = [(0.0, 0, values, math.inf, 0.0)]
     halvings = 0
     while stack:
-        start, depth, found, before, above = stack.pop()
-        width, finite = 0.5**depth, bool(np.isfinite(found).all())
-        chebyshev = to_chebyshev() @ np.where(np.isfinite(found), found, 0.0)
+        start, depth, samples, before, above = stack.pop()
+        width, finite = 0.5**depth, bool(np.isfinite(samples).all())
+        chebyshev = to_chebyshev() @ np.where(np.isfinite(samples), samples, 0.0)
         tail = float(np.abs(chebyshev[-2:]).max())
         # A remainder that halving does not reduce is noise. This bounds the number of parts.
-        grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(found) else TINY
+        grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(samples) else TINY
         least = noise if smooth and start == 0 else 0.0
-        piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
+        piece = _polynomial(start, width, chebyshev, _size(samples), noise + grain, least) if finite else None
         if piece is not None:
             yield piece
         elif depth < DEEPEST_HALVING and halvings < SAMPLED_HALVINGS:
             halvings += 1
-            above = _size(found) if depth == DEEPEST_HALVING - POLE_LEVELS else above
+            above = _size(samples) if depth == DEEPEST_HALVING - POLE_LEVELS else above
             for begin in (start + width / 2, start):
                 stack.append((begin, depth + 1, g(begin + width / 2 * nodes()), tail, above))
-        elif not finite or (depth == DEEPEST_HALVING and _size(found) > 1e3 * above):
+        elif not finite or (depth == DEEPEST_HALVING and _size(samples) > 1e3 * above):
             yield LocalPolynomial(start, width, NOWHERE, noise)
             return
         else:
-            jump = depth == DEEPEST_HALVING and found[0] * found[-1] < 0 and min(abs(found[[0, -1]])) > noise
-            yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise, bool(jump))
+            jump = depth == DEEPEST_HALVING and samples[0] * samples[-1] < 0 and min(abs(samples[[0, -1]])) > noise
+            yield LocalPolynomial(start, width, np.array([samples[0], samples[-1] - samples[0]]), noise, bool(jump))
 
 
 def _polynomial(
@@ -191,9 +191,9 @@ def _polynomial(
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size
     if max(sizes[-2:]) <= floor:
-        found = powers(chebyshev, max(EPSILON * size, least))
-        left = float(sizes[len(found) :].sum() + 4 * DEGREE * sizes[-2:].max())
-        return LocalPolynomial(start, width, found, noise + left)
+        coefficients = powers(chebyshev, max(EPSILON * size, least))
+        left = float(sizes[len(coefficients) :].sum() + 4 * DEGREE * sizes[-2:].max())
+        return LocalPolynomial(start, width, coefficients, noise + left)
     if certain(chebyshev, np.asarray(noise)):
         return LocalPolynomial(start, width, chebyshev[:1], noise)
     return None
@@ -257,13 +257,13 @@ def trace(
     roots.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
-    found: list[Root] = []
+    located: list[Root] = []
     leaving = (0, 0)
     for piece in local_polynomials(
         lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero
     ):
         if not len(piece.coefficients):
-            return StepZeros(tuple(parts), tuple(found), before, piece.start, leaving)
+            return StepZeros(tuple(parts), tuple(located), before, piece.start, leaving)
         if zero and piece.start == 0:
             piece = _divided(piece)
             leaving = _leaving(piece)
@@ -278,8 +278,8 @@ def trace(
             begins = zero and piece.start == 0
             for root in zeros:
                 jump = piece.jump or (root.time == 0 and not begins and _starts_clear(piece))
-                found.append(replace(root, time=piece.start + piece.width * root.time, jump=jump))
-    return StepZeros(tuple(parts), _merged(found), before, math.inf, leaving)
+                located.append(replace(root, time=piece.start + piece.width * root.time, jump=jump))
+    return StepZeros(tuple(parts), _merged(located), before, math.inf, leaving)
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:

@@ -220,8 +220,8 @@ class SolverDriver:
         """Return a solver that starts at the state, or None if the law has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
         # Otherwise flights between contacts that are shorter than the solver's first step would get its length.
-        given = abs(float(state.reals[S.H]))
-        first = given if given and steps == self._begun + 1 else np.inf
+        requested = abs(float(state.reals[S.H]))
+        first = requested if requested and steps == self._begun + 1 else np.inf
         del self._plan.interpolants[steps:]
         self._begun, self._unmoved = steps, 0
         law.forget()
@@ -254,13 +254,13 @@ class SolverDriver:
         The solvers' own choice of a first step depends on absolute times.
         """
         plan, law = self._plan, self._law
-        known = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None
-        if not plan.tolerances.share or known:
+        has_floors = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None
+        if not plan.tolerances.share or has_floors:
             return np.inf
         model, left = plan.problem.model, float(state.reals[S.END]) - t
         counted = law.counted(slopes_of(model, law.parameters))
-        found, period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
-        state.floors[:] = np.maximum(state.floors, found)
+        floors, period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
+        state.floors[:] = np.maximum(state.floors, floors)
         if some_rounded(model.layout, state.floors):
             state.floors[:] = np.maximum(state.floors, noise_floors(model, law.parameters, t, y, left))
         if not plan.first:

@@ -75,8 +75,8 @@ class GuardedRhs:
         self.evaluations = count = self.evaluations + 1
         if count > self._most or self._timed:
             self._check_limits(t, y)
-        found = self._quick(t, y)
-        return self._slope(t, y) if found is None else found
+        slope = self._quick(t, y)
+        return self._slope(t, y) if slope is None else slope
 
     def _check_limits(self, t: float, y: FloatArray) -> None:
         """Raise StopError if the time limit is reached, or if a step needs too many evaluations."""

@@ -60,10 +60,10 @@ class _ScipyStepper:
         first = min(first, method.first_step or np.inf)
         if first < np.inf:
             options["first_step"] = min(first, abs(self.end - t))
-        own = t - origin, self.end - origin
+        solver_span = t - origin, self.end - origin
         rhs = law.rhs if origin == 0.0 else lambda s, y: law.rhs(origin + s, y)
         self.t, self.y, self.output = t, y, method.output()
-        self.solver = method.solver(rhs, own[0], y.copy(), own[1], **options)
+        self.solver = method.solver(rhs, solver_span[0], y.copy(), solver_span[1], **options)
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
         law, solver = self.law, self.solver
@@ -89,8 +89,10 @@ class _ScipyStepper:
         if self.later:
             return partial(_taken_again, self.method, self.law, (t, self.t), (y, self.y))
         solver = self.solver
-        own = float(solver.t_old), float(solver.t)
-        return partial(StepInterpolant.read, (t, self.t), (y, self.y), own, self.output(solver), self.method.degree)
+        solver_times = float(solver.t_old), float(solver.t)
+        return partial(
+            StepInterpolant.read, (t, self.t), (y, self.y), solver_times, self.output(solver), self.method.degree
+        )
 
 
 def _taken_again(
@@ -104,8 +106,8 @@ def _taken_again(
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))
     solver.step()
-    own = times[0], float(solver.t)
-    return StepInterpolant.read(times, ends, own, solver.dense_output(), method.degree)
+    solver_times = times[0], float(solver.t)
+    return StepInterpolant.read(times, ends, solver_times, solver.dense_output(), method.degree)
 
 
 @dataclass(frozen=True)
@@ -248,9 +250,9 @@ def _history(solver: Any) -> partial[FloatArray]:
     A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12) the
     next, and the array begins at RWORK(21); IWORK(14) is the last order and IWORK(15) the next.
     """
-    own, n = solver._lsoda_solver._integrator, solver.n
-    order, following = own.iwork[13:15].tolist()
-    return partial(_along, solver.t, (order, following), own.rwork[10 : 20 + (order + 1) * n].copy())
+    integrator, n = solver._lsoda_solver._integrator, solver.n
+    order, following = integrator.iwork[13:15].tolist()
+    return partial(_along, solver.t, (order, following), integrator.rwork[10 : 20 + (order + 1) * n].copy())
 
 
 def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
@@ -271,9 +273,9 @@ def _history_is_known() -> bool:
         solver.step()
         times = np.linspace(solver.t_old, solver.t, 5)
         try:
-            found = _history(solver)(times)
+            states = _history(solver)(times)
         except (AttributeError, IndexError, TypeError, ValueError):
             return False
-        if not np.allclose(found, solver.dense_output()(times), rtol=1e-13, atol=1e-14):
+        if not np.allclose(states, solver.dense_output()(times), rtol=1e-13, atol=1e-14):
             return False
     return True

@@ -90,8 +90,8 @@ def _solver() -> Callable[..., Any]:
             f"method 'cvode' needs scikit-sundae, which is not here ({error}): pip install scikit-sundae, or "
             "take scipy-bdf, which is of the same family."
         ) from error
-    made: Callable[..., Any] = cvode.CVODE
-    return made
+    solver: Callable[..., Any] = cvode.CVODE
+    return solver
 
 
 class _CvodeStepper:

@@ -82,8 +82,8 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
 def energy(problem: Problem, y: FloatArray) -> float:
     """Return the energy of a state (2n,), at the time of the start."""
     kernel, parameters = problem.model.kernel("energy"), problem.parameter_array
-    found = quickly(kernel, parameters, problem.t0, y)
-    return float(kernel(problem.t0, y, parameters) if found is None else found)
+    quick_result = quickly(kernel, parameters, problem.t0, y)
+    return float(kernel(problem.t0, y, parameters) if quick_result is None else quick_result)
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:

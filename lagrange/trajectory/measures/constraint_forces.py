@@ -43,7 +43,7 @@ class ConstraintForces:
     @property
     def names(self) -> list[str]:
         """The names of the constraints."""
-        return [one.name for one in self.model.statement.constraints]
+        return [constraint.name for constraint in self.model.statement.constraints]
 
     @cached_property
     def multipliers(self) -> ByName[FloatArray]:
@@ -105,8 +105,8 @@ class ConstraintForces:
         one_of(name, self.names, "{given} is not a constraint of this system; they are {known}.")
         q, v = self.model.layout.split(self.y)
         rows = np.asarray(self.model.evaluate("constraint_gradient", q, v, self.t, self.parameters))
-        found: FloatArray = rows[self.names.index(name)]
-        return found
+        gradient: FloatArray = rows[self.names.index(name)]
+        return gradient
 
     @cached_property
     def _points(self) -> dict[str, tuple[Any, ...]]:
@@ -119,14 +119,14 @@ class ConstraintForces:
     def _slopes(self) -> dict[str, FloatArray]:
         """The derivatives dr/dq of each named point, (2 or 3, n, N)."""
         equations = self.model.equations
-        found: dict[str, FloatArray] = {}
+        slopes: dict[str, FloatArray] = {}
         for label, point in self._points.items():
             nodes = [equations.translate(entry) for entry in point]
             columns = [tangents(nodes, {symbol: equations.graph.one}) for symbol in equations.q]
             kernel = self.model.function("slopes", tuple(column(node) for node in nodes for column in columns))
             values = self.model.called(kernel, self.t, self.y, self.parameters)
-            found[label] = values.reshape(len(nodes), len(columns), len(self.t))
-        return found
+            slopes[label] = values.reshape(len(nodes), len(columns), len(self.t))
+        return slopes
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
         """Return the smallest set of points such that the constraint relates only their motion.
@@ -137,11 +137,11 @@ class ConstraintForces:
         places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
         for count in range(1, MOST_RELATED_POINTS + 1):
-            found = [chosen for chosen in combinations(moving, count) if self._relates(chosen, rows, places)]
-            if len(found) == 1:
-                return found[0]
-            if found:
-                sets = [" with ".join(chosen) for chosen in found]
+            candidates = [chosen for chosen in combinations(moving, count) if self._relates(chosen, rows, places)]
+            if len(candidates) == 1:
+                return candidates[0]
+            if candidates:
+                sets = [" with ".join(chosen) for chosen in candidates]
                 raise StatementError(
                     f"the force of {name} on points is not determined: {listing(sets)} can each carry it. Name fewer "
                     "points, or take the generalized forces, constraint_force(name)."

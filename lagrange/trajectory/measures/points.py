@@ -25,9 +25,9 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
         parts = (part for point in statement.drawn.values() for part in point)
         model.prepared["points"] = tuple(node_of(part, statement, model.equations) for part in parts)
     entries = model.prepared["points"]
-    found = model.called(model.function("points", entries), t, y, parameters) if entries else np.empty(0)
+    values_at = model.called(model.function("points", entries), t, y, parameters) if entries else np.empty(0)
     sizes = np.cumsum([len(point) for point in statement.drawn.values()])
-    points = dict(zip(statement.drawn, np.split(found, sizes[:-1]), strict=True)) if entries else {}
+    points = dict(zip(statement.drawn, np.split(values_at, sizes[:-1]), strict=True)) if entries else {}
     if points and ORIGIN not in points and any(ORIGIN in (link.start, link.end) for link in statement.links):
         points[ORIGIN] = np.zeros_like(next(iter(points.values())))
     return points

@@ -131,14 +131,14 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
     Its steps may have become so short that the status reports a singularity, which the solution does not have.
     """
-    if trajectory.status not in LIMITS or (found := stiffness(model, trajectory, parameters)) is None:
+    if trajectory.status not in LIMITS or (result := stiffness(model, trajectory, parameters)) is None:
         return trajectory
     begin, end = trajectory.span
     return replace(
         trajectory,
         message=f"{trajectory.method} stopped at t = {number(end)} on the way from {number(begin)} to "
         f"{number(towards)}, after {counted(trajectory.steps, 'step')}: {LIMITS[trajectory.status]}. The run is "
-        f"{found.sentence()} {REMEDY} is an implicit method, whose steps stability does not limit.",
+        f"{result.sentence()} {REMEDY} is an implicit method, whose steps stability does not limit.",
     )
 
 
@@ -149,8 +149,8 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
     """
     states = path.states[steps].T
     kernel = model.interpreted(name)
-    found = kernel.columns(path.times[steps], model.layout.split(states), values)
-    return np.moveaxis(np.broadcast_to(found, (*found.shape[:2], len(steps))), -1, 0)
+    values_at = kernel.columns(path.times[steps], model.layout.split(states), values)
+    return np.moveaxis(np.broadcast_to(values_at, (*values_at.shape[:2], len(steps))), -1, 0)
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
@@ -176,7 +176,9 @@ def _found(
         sizes = np.abs(eigenvalues)
         # A growing mode belongs to the solution. Rounding moves oscillations away from the imaginary axis.
         kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
-        limits = np.array([stability_limit(polynomial, abs(float(np.angle(one)))) for one in eigenvalues[kept]])
+        limits = np.array(
+            [stability_limit(polynomial, abs(float(np.angle(eigenvalue)))) for eigenvalue in eigenvalues[kept]]
+        )
         near = abs(step) * sizes[kept] / limits
         if near.size and near.max() > NEAR_LIMIT and sizes[kept][near.argmax()] > SLOWER * change:
             rate = float(sizes[kept][near.argmax()])

@@ -43,27 +43,27 @@ class LobattoPair:
 
         def stages(speeds: Any, pushes: Any) -> list[tuple[Any, Any, Any, Any, Any]]:
             places = [q + weighted(row, speeds) * h for row in self.A]
-            given = zip(self.c, places, speeds, pushes, strict=False)
-            return [g(t + h * ci, place, speed, push) for ci, place, speed, push in given]
+            arguments = zip(self.c, places, speeds, pushes, strict=False)
+            return [g(t + h * ci, place, speed, push) for ci, place, speed, push in arguments]
 
         def residuals(*unknowns: Any) -> list[Any]:
             speeds, pushes = unknowns[:count], unknowns[count:]
             # The last stage has no multiplier: its phi is padded with the multiplier of the first stage.
-            made = stages(speeds, (*pushes, pushes[0]))
-            forces = [f + c for _, f, c, _, _ in made[:-1]]
-            rows = zip(self.conjugate, made, strict=True)
+            results = stages(speeds, (*pushes, pushes[0]))
+            forces = [f + c for _, f, c, _, _ in results[:-1]]
+            rows = zip(self.conjugate, results, strict=True)
             off = [before + weighted(row[:-1], forces) * h - p for row, (p, *_) in rows]
-            return [*off, *(phi for _, _, _, phi, _ in made[1:])]
+            return [*off, *(phi for _, _, _, phi, _ in results[1:])]
 
-        found = solve(residuals, (*(v,) * count, *(none,) * (count - 1)))
-        speeds, pushes = found[:count], found[count:]
-        known = before + weighted(b[:-1], [f + c for _, f, c, _, _ in stages(speeds, pushes)]) * h
+        solution = solve(residuals, (*(v,) * count, *(none,) * (count - 1)))
+        speeds, pushes = solution[:count], solution[count:]
+        momentum = before + weighted(b[:-1], [f + c for _, f, c, _, _ in stages(speeds, pushes)]) * h
         place = q + weighted(b, speeds) * h
 
         def ends(end: Any, push: Any) -> tuple[Any, Any]:
             _, f, c, _, _ = g(t + h, place, speeds[-1], push)
             after, _, _, _, psi = g(t + h, place, end, push)
-            return known + (f + c) * (h * b[-1]) - after, psi
+            return momentum + (f + c) * (h * b[-1]) - after, psi
 
         end, _ = solve(ends, (speeds[-1], none))
         return place, end

@@ -216,8 +216,8 @@ def tableau(
             )
         error = ErrorEstimate(difference, order=embedded_order or max(order - 1, 1))
     rows = tuple(line[:i] for i, line in enumerate(lines))
-    made = ButcherTableau(name=name, order=order, A=rows, b=weights, c=_entries(name, c), error=error, source=source)
-    return made.hermite()
+    method = ButcherTableau(name=name, order=order, A=rows, b=weights, c=_entries(name, c), error=error, source=source)
+    return method.hermite()
 
 
 def _listed(name: str, given: Any) -> list[Any] | None:
@@ -230,10 +230,10 @@ def _listed(name: str, given: Any) -> list[Any] | None:
 def _entries(name: str, line: Any) -> Coefficients:
     listed = _listed(name, line)
     try:
-        found = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
-        for entry in found:
+        entries = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
+        for entry in entries:
             float(entry)  # A fraction may be outside of the range of doubles.
-        return found
+        return entries
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
             f"the tableau {shown(name)} has an entry that is not a number ({error}): give numbers, or text such as "

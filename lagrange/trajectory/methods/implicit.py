@@ -62,9 +62,9 @@ class ImplicitMethod:
         if not isinstance(self.claims, Claims):
             raise StatementError(f"the claims of {self.name} are {shown(self.claims)}: give an lg.Claims.")
         one_of(self.law, ("rhs", "momentum", "constrained"), "the law of a method is not {given}: give one of {known}.")
-        for what, given in (("function", self.function), ("starter", self.starter), ("path", self.path)):
-            if not (callable(given) and isinstance(given, Hashable)) and (given is not None or what == "function"):
-                raise StatementError(f"the {what} of {self.name} is {shown(given)}: give a function.")
+        for what, value in (("function", self.function), ("starter", self.starter), ("path", self.path)):
+            if not (callable(value) and isinstance(value, Hashable)) and (value is not None or what == "function"):
+                raise StatementError(f"the {what} of {self.name} is {shown(value)}: give a function.")
         if self.control is not None and not isinstance(self.control, Control):
             raise StatementError(f"the control of {self.name} is {shown(self.control)}: give a Control.")
         check_options(self.step, self.rtol, self.atol)
@@ -175,9 +175,9 @@ STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
     """Return the next state: the parabola through it and the last two states has the slope of the equations there."""
-    known = (y * 4 - before) / 3
-    k = solve(lambda k: f(t + h, known + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
-    return known + k * (h * Fraction(2, 3))
+    base = (y * 4 - before) / 3
+    k = solve(lambda k: f(t + h, base + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
+    return base + k * (h * Fraction(2, 3))
 
 
 @built_in("gauss2")

@@ -31,21 +31,21 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
     def stages(changes: Any, pushes: Any) -> list[tuple[Any, Any, Any, Any, Any]]:
         speeds = [v + change for change in changes]
-        given = zip(A, C, speeds, pushes, strict=True)
-        return [g(t + h * ci, q + weighted(row, speeds) * h, speed, push) for row, ci, speed, push in given]
+        arguments = zip(A, C, speeds, pushes, strict=True)
+        return [g(t + h * ci, q + weighted(row, speeds) * h, speed, push) for row, ci, speed, push in arguments]
 
     def residuals(*unknowns: Any) -> list[Any]:
-        made = stages(unknowns[:STAGES], unknowns[STAGES:])
-        forces = [f + c for _, f, c, _, _ in made]
-        off = [before + weighted(row, forces) * h - p for row, (p, *_) in zip(A, made, strict=True)]
-        return [*off, *(psi for *_, psi in made)]
+        results = stages(unknowns[:STAGES], unknowns[STAGES:])
+        forces = [f + c for _, f, c, _, _ in results]
+        off = [before + weighted(row, forces) * h - p for row, (p, *_) in zip(A, results, strict=True)]
+        return [*off, *(psi for *_, psi in results)]
 
-    found = solve(residuals, (none,) * (2 * STAGES), predict)
-    changes, pushes = found[:STAGES], found[STAGES:]
+    solution = solve(residuals, (none,) * (2 * STAGES), predict)
+    changes, pushes = solution[:STAGES], solution[STAGES:]
     speeds = [v + change for change in changes]
     moves = [weighted(row, speeds) * h for row in A]
     gains = [p - before for p, *_ in stages(changes, pushes)]
-    off_place, off_momentum = (weighted(RADAU5.embedded(), one) for one in (moves, gains))
+    off_place, off_momentum = (weighted(RADAU5.embedded(), increments) for increments in (moves, gains))
 
     def damped(speed: Any, push: Any) -> tuple[Any, Any]:
         p, f, c, _, psi = g(t, q + off_place + speed * (h * gamma), speed, push)

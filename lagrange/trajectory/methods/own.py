@@ -158,21 +158,21 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
         calls.append((number(at), y.terms))
         return TrialVector(name, {states + len(calls) - 1: Fraction(1)})
 
-    given = [TrialVector(name, {i: Fraction(1)}) for i in range(states)]
+    vectors = [TrialVector(name, {i: Fraction(1)}) for i in range(states)]
     try:
-        returned = function(f, t, *given, h)
+        returned = function(f, t, *vectors, h)
     except StatementError:
         raise
     except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError, NameError) as error:
         raise refusal(name, f"it fails with {type(error).__name__}: {error}") from error
-    found = returned if isinstance(returned, (tuple, list)) and len(returned) != 1 else (returned,)
-    wanted = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
-    if len(found) != states or not all(isinstance(vector, TrialVector) for vector in found):
-        shown = ", ".join("a vector" if isinstance(vector, TrialVector) else kind_of(vector) for vector in found)
-        raise refusal(name, f"it returns {shown or 'nothing'} in place of {wanted}")
+    results = returned if isinstance(returned, (tuple, list)) and len(returned) != 1 else (returned,)
+    expected = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
+    if len(results) != states or not all(isinstance(vector, TrialVector) for vector in results):
+        shown = ", ".join("a vector" if isinstance(vector, TrialVector) else kind_of(vector) for vector in results)
+        raise refusal(name, f"it returns {shown or 'nothing'} in place of {expected}")
     if not calls:
         raise refusal(name, f"it never calls {what}")
-    return _Tried(tuple(calls), tuple(vector.terms for vector in found))
+    return _Tried(tuple(calls), tuple(vector.terms for vector in results))
 
 
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
@@ -183,8 +183,8 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
         _tried(name, function, states, *TRIAL_POINTS[1]),
     )
     if states == 2:
-        for one, (t, h) in zip(both, TRIAL_POINTS, strict=True):
-            _check_partitioned(name, order, one, t, h)
+        for trial, (t, h) in zip(both, TRIAL_POINTS, strict=True):
+            _check_partitioned(name, order, trial, t, h)
         return both
     for _, argument in tried.calls:
         _check_whole(name, "a slope is taken at", argument)
@@ -214,9 +214,11 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
         same = len(tried.calls) == len(program.calls)
         pairs: list[tuple[float, Coefficient]] = []
         recorded = [*(call.argument for call in program.calls), *program.results]
-        for combination, terms in zip(recorded, [*(one for _, one in tried.calls), *tried.results], strict=False):
-            found = {i: values[factor] for i, factor in combination}
-            pairs += [(found.get(i, 0), terms.get(i, 0)) for i in sorted(found | terms)]
+        for combination, terms in zip(
+            recorded, [*(argument for _, argument in tried.calls), *tried.results], strict=False
+        ):
+            coefficients = {i: values[factor] for i, factor in combination}
+            pairs += [(coefficients.get(i, 0), terms.get(i, 0)) for i in sorted(coefficients | terms)]
         pairs += [(values[call.time], at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
         if not same or not all(abs(a - float(b)) <= CONDITION_TOLERANCE * max(1.0, abs(a)) for a, b in pairs):
             raise refusal(
@@ -257,7 +259,7 @@ def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fra
     """Check a step in q and v under a constant a: it must return q + h v + h^2 a/2 and v + h a."""
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
-    found: list[tuple[str, str, Coefficient, Coefficient]] = [
+    conditions: list[tuple[str, str, Coefficient, Coefficient]] = [
         ("the new q holds", "q", q.get(0, 0), 1),
         ("the new q holds", "h v", q.get(1, 0) / h, 1),
         ("the new v holds", "q", v.get(0, 0), 0),
@@ -267,10 +269,10 @@ def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fra
     ]
     for at, argument in tried.calls:
         part = (at - t) / h
-        found += [
+        conditions += [
             ("an acceleration is taken at", "q", argument.get(0, 0), 1),
             (f"an acceleration is taken at t + {float(part):g} h and", "h v", argument.get(1, 0) / h, part),
         ]
-    for what, of, value, expected in found:
+    for what, of, value, expected in conditions:
         if not abs(float(value) - float(expected)) <= CONDITION_TOLERANCE:
             raise refusal(name, f"{what} {float(value):g} times {of} instead of {float(expected):g}")

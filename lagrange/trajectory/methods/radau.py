@@ -66,7 +66,7 @@ class RadauStep:
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
         """Return initial guesses of the increments: the polynomial of the last step, extrapolated."""
         _, _, c = collocation_tableau(POINTS[self.stages])
-        return tuple(found - old[-1] for found in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
+        return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
 def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
@@ -79,7 +79,7 @@ def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old:
             value = value * (1 + ratio * ci) + float(coefficient)
         return value
 
-    return [weighted([at(one, ci) for one in basis], old) for ci in wanted]
+    return [weighted([at(basis_polynomial, ci) for basis_polynomial in basis], old) for ci in wanted]
 
 
 RADAU3, RADAU5 = RadauStep(2), RadauStep(3)

@@ -82,8 +82,8 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
             raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
-        own = step_method(method, order=order, name=name)
-        return lambda: own
+        stepper = step_method(method, order=order, name=name)
+        return lambda: stepper
     if isinstance(method, ButcherTableau):
         named = replace(method if method.dense else method.hermite(), name=name)
         return lambda: RungeKutta(named)
@@ -192,8 +192,8 @@ def find(method: Any) -> Integrator:
     if method in _registered:
         return _registered[method]()
     if method in _offered():
-        made: Integrator = _loaded(method)()
-        return made
+        integrator: Integrator = _loaded(method)()
+        return integrator
     meant = FOREIGN_NAMES.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
     raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names(), 20)}.{hint}")
@@ -207,8 +207,10 @@ def _built_in(name: str) -> Integrator:
 
 def table() -> MethodTable:
     """Return every method with its claims."""
-    made = [(name, find(name)) for name in names()]
-    return MethodTable(MethodRow(name, promises(integrator), _about(name, integrator)) for name, integrator in made)
+    integrators = [(name, find(name)) for name in names()]
+    return MethodTable(
+        MethodRow(name, promises(integrator), _about(name, integrator)) for name, integrator in integrators
+    )
 
 
 def _about(name: str, integrator: Integrator) -> str:
@@ -229,8 +231,8 @@ def _about(name: str, integrator: Integrator) -> str:
 @cache
 def _loaded(name: str) -> Callable[[], Integrator]:
     """Return the class of a method of another package. It is cached: loading takes as long as a short run."""
-    found: Callable[[], Integrator] = _offered()[name].load()
-    return found
+    loaded: Callable[[], Integrator] = _offered()[name].load()
+    return loaded
 
 
 @cache

@@ -70,7 +70,7 @@ class Taylor:
         )
         events = impacts_of(problem.model, problem.events)
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
-        series, _ = problem.model.series(tuple(one.node for one in impacts))
+        series, _ = problem.model.series(tuple(impact.node for impact in impacts))
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -109,9 +109,9 @@ class TaylorPlan:
         """Return the search for events and surface crossings, or None without any."""
         if not self.watched:
             return None
-        parameters, own = problem.parameter_array, self.tolerances
-        absolute = None if own.share else own.margin * own.atol
-        continuations = Continuations(problem, partial(DOP853, rtol=own.margin * own.rtol, atol=absolute))
+        parameters, tolerances = problem.parameter_array, self.tolerances
+        absolute = None if tolerances.share else tolerances.margin * tolerances.atol
+        continuations = Continuations(problem, partial(DOP853, rtol=tolerances.margin * tolerances.rtol, atol=absolute))
         names = partial(watched_names, problem)
         return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 

@@ -94,15 +94,15 @@ def fixed_settings(
             "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
-    given = [step_size(size) for size in (problem.step, step) if size is not None]
-    if len(given) == 2 and given[0] != given[1]:
+    sizes = [step_size(size) for size in (problem.step, step) if size is not None]
+    if len(sizes) == 2 and sizes[0] != sizes[1]:
         raise StatementError(
-            f"step is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
+            f"step is given twice, {sizes[0]:g} for the run and {sizes[1]:g} for {name} itself: give it in one place."
         )
-    if not given:
+    if not sizes:
         note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
         return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
-    size = given[0]
+    size = sizes[0]
     if span / size > 1e15 or problem.t0 + size == problem.t0:
         raise StatementError(f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}.")
     return Tolerances(step=size)
@@ -118,8 +118,8 @@ def check_holonomic(name: str, problem: Problem) -> None:
     """Raise StatementError for constraints stated in velocities; coordinates without inertia cause such constraints."""
     check_problem(name, problem)
     equations = problem.model.equations
-    held = equations.stated
-    stated = [repr(one) for one, phi in zip(held.names, held.positions, strict=True) if phi is None]
+    constraints = equations.stated
+    stated = [repr(label) for label, phi in zip(constraints.names, constraints.positions, strict=True) if phi is None]
     if stated:
         many = "are" if len(stated) > 1 else "is"
         raise StatementError(
@@ -155,12 +155,12 @@ def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
 
     Two different ones raise StatementError.
     """
-    given = [_number(what, value) for value in (asked, own) if value is not None]
-    if len(given) == 2 and given[0] != given[1]:
+    both = [_number(what, value) for value in (asked, own) if value is not None]
+    if len(both) == 2 and both[0] != both[1]:
         raise StatementError(
-            f"{what} is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
+            f"{what} is given twice, {both[0]:g} for the run and {both[1]:g} for {name} itself: give it in one place."
         )
-    return given[0] if given else None
+    return both[0] if both else None
 
 
 def _number(what: str, value: Any) -> float:

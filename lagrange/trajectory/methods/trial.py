@@ -152,8 +152,8 @@ class TrialVector:
         numbers = all(isinstance(x, (TrialVector, np.generic)) for x in inputs)
         if ufunc.__name__ in ARITHMETIC and method == "__call__" and numbers and not options:
             plain = [x if isinstance(x, TrialVector) else x.item() for x in inputs]
-            made: TrialVector = ARITHMETIC[ufunc.__name__](*plain)
-            return made
+            result: TrialVector = ARITHMETIC[ufunc.__name__](*plain)
+            return result
         raise self._refused(f"it takes numpy's {ufunc.__name__} of a vector")
 
     def __array__(self, *arguments: object, **options: object) -> NoReturn:

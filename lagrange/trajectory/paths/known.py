@@ -34,18 +34,18 @@ class OutputPath:
 
     def _sorted(self, wanted: FloatArray) -> FloatArray:
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
-        known, sought = (self.times, wanted) if forward else (-self.times, -wanted)
-        place = np.searchsorted(known, sought, side="right") - 1
-        there = place >= 0
-        there[there] = known[place[there]] == sought[there]
-        if there.all():
-            return self.states[:, place]
-        states = self._between(wanted[~there])
-        if not there.any():
+        output_times, sought = (self.times, wanted) if forward else (-self.times, -wanted)
+        index = np.searchsorted(output_times, sought, side="right") - 1
+        is_inside = index >= 0
+        is_inside[is_inside] = output_times[index[is_inside]] == sought[is_inside]
+        if is_inside.all():
+            return self.states[:, index]
+        states = self._between(wanted[~is_inside])
+        if not is_inside.any():
             return states
-        found = np.empty((len(states), len(wanted)))
-        found[:, ~there], found[:, there] = states, self.states[:, place[there]]
-        return found
+        result = np.empty((len(states), len(wanted)))
+        result[:, ~is_inside], result[:, is_inside] = states, self.states[:, index[is_inside]]
+        return result
 
     def _between(self, times: FloatArray) -> FloatArray:
         if self.path is None:

@@ -76,12 +76,12 @@ class StepInterpolants(Sequence[StepInterpolant]):
         return len(self._entries) - self._first
 
     def __getitem__(self, which: Any) -> Any:
-        place = range(self._first, len(self._entries))[which]
-        found = self._entries[place]
-        if isinstance(found, partial):
+        index = range(self._first, len(self._entries))[which]
+        entry = self._entries[index]
+        if isinstance(entry, partial):
             with np.errstate(all="ignore"):
-                found = self._entries[place] = found()
-        return found
+                entry = self._entries[index] = entry()
+        return entry
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,8 @@ def _shares(count: int, theta: FloatArray) -> FloatArray:
     """
     away = theta[:, None] - nodes(count - 1)
     hits = away == 0
-    found = np.where(hits.any(axis=1)[:, None], hits, _weights(count) / np.where(hits, 1.0, away))
-    return np.asarray(found / found.sum(axis=1)[:, None])
+    shares = np.where(hits.any(axis=1)[:, None], hits, _weights(count) / np.where(hits, 1.0, away))
+    return np.asarray(shares / shares.sum(axis=1)[:, None])
 
 
 @lru_cache(maxsize=16)

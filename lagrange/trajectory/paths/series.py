@@ -40,12 +40,12 @@ class SeriesPath:
             self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, wanted, states)
             return states
         sign = 1.0 if self.times[-1] >= self.times[0] else -1.0
-        found = np.searchsorted(sign * self.times, sign * wanted, side="right") - 1
-        found = np.clip(found, 0, len(self.times) - 2)
-        for values, part in self._parts(found):
+        steps = np.searchsorted(sign * self.times, sign * wanted, side="right") - 1
+        steps = np.clip(steps, 0, len(self.times) - 2)
+        for values, part in self._parts(steps):
             self.series.dense(self.order, values).at(self.times, self.states, wanted[part], states[:, part])
         for step, path in self.continuations.items():
-            first, last = np.searchsorted(found, [step, step + 1])
+            first, last = np.searchsorted(steps, [step, step + 1])
             if first < last:
                 states[:, first:last] = path(wanted[first:last])
         return states

@@ -104,9 +104,9 @@ def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], Fl
     if (rising[1:] >= rising[:-1]).all():
         return at(times)
     order = np.argsort(rising)
-    found = at(times[order])
-    states = np.empty_like(found)
-    for row, sorted_row in zip(states, found, strict=True):
+    sorted_states = at(times[order])
+    states = np.empty_like(sorted_states)
+    for row, sorted_row in zip(states, sorted_states, strict=True):
         row[order] = sorted_row
     return states
 

@@ -132,8 +132,8 @@ class ButcherTableau:
         object.__setattr__(self, "c", self.c or sums[: self.stages])
         if self.dense:
             object.__setattr__(self, "dense", replace(self.dense, c=self.dense.c or sums[self.stages :]))
-        for i, (given, derived) in enumerate(zip(self.abscissae, sums, strict=True)):
-            self._check(f"c_{i + 1} is the sum of row {i + 1} of A,", given, derived)
+        for i, (abscissa, derived) in enumerate(zip(self.abscissae, sums, strict=True)):
+            self._check(f"c_{i + 1} is the sum of row {i + 1} of A,", abscissa, derived)
         self._check_order()
         self._check_error()
         self._check_dense()
@@ -185,11 +185,11 @@ class ButcherTableau:
 
     def _check_tree(self, what: str, tree: Tree, weights: Coefficients, expected: Fraction) -> None:
         values = self._elementary[tree]
-        given = dot(weights, values)
-        if given != expected:
+        value = dot(weights, values)
+        if value != expected:
             scale = dot(tuple(abs(float(w)) for w in weights), tuple(abs(float(v)) for v in values))
             condition = f"the condition of order {size(tree)}, {what} {formula(tree)}".rstrip() + f" = {expected},"
-            self._check(condition, given, expected, max(1.0, float(scale)))
+            self._check(condition, value, expected, max(1.0, float(scale)))
 
     def _check(self, condition: str, given: Coefficient, expected: Coefficient, scale: float = 1.0) -> None:
         off = given - expected
@@ -223,16 +223,16 @@ class ButcherTableau:
                 raise self._refuse(f"row {i + 1} of A has {len(line)} entries, not the {i} of an explicit method")
         vectors = [*self.rows, self.b, self.abscissae]
         if self.error:
-            vectors += (own := [self.error.weights, *([self.error.damping] if self.error.damping else [])])
-            if any(len(e) != s for e in own):
+            vectors += (embedded := [self.error.weights, *([self.error.damping] if self.error.damping else [])])
+            if any(len(e) != s for e in embedded):
                 raise self._refuse(f"its error weights are not one for each of the {s} stages")
         if self.dense:
             extra = len(self.dense.stages)
             if len(self.dense.c) not in (0, extra):
                 raise self._refuse(f"its dense output has {len(self.dense.c)} abscissae for {extra} stages")
             vectors += self.dense.weights
-            if (given := len(self.dense.weights)) != s + extra:
-                raise self._refuse(f"its dense output has {given} rows of weights for {s + extra} stages")
+            if (count := len(self.dense.weights)) != s + extra:
+                raise self._refuse(f"its dense output has {count} rows of weights for {s + extra} stages")
         if not all(isfinite(value) for vector in vectors for value in vector):
             raise self._refuse("a coefficient is not a finite number")
 

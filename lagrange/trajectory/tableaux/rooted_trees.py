@@ -27,9 +27,9 @@ def trees(order: int) -> tuple[Tree, ...]:
 def _grafted(tree: Tree) -> Iterator[Tree]:
     """Yield the tree with one more leaf, at each of its nodes in turn."""
     yield ((), *tree)
-    for place, child in enumerate(tree):
+    for index, child in enumerate(tree):
         for grown in _grafted(child):
-            yield tuple(sorted((*tree[:place], grown, *tree[place + 1 :])))
+            yield tuple(sorted((*tree[:index], grown, *tree[index + 1 :])))
 
 
 @cache
@@ -50,17 +50,17 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
     `matrix` is the lower triangle of a tableau, row i with at least i entries. If an entry is a float, all become
     floats: the weights of order 9 then take milliseconds.
     """
-    one: Coefficient = Fraction(1)
+    unit: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):
-        matrix, one = tuple(tuple(map(float, row)) for row in matrix), 1.0
-    known: dict[Tree, Coefficients] = {(): (one,) * len(matrix)}
+        matrix, unit = tuple(tuple(map(float, row)) for row in matrix), 1.0
+    weights: dict[Tree, Coefficients] = {(): (unit,) * len(matrix)}
     fed: dict[Tree, Coefficients] = {}
     for level in range(1, order):
         for tree in trees(level):
-            fed[tree] = tuple(dot(row, known[tree]) for row in matrix)
+            fed[tree] = tuple(dot(row, weights[tree]) for row in matrix)
         for tree in trees(level + 1):
-            known[tree] = tuple(prod(factors) for factors in zip(*(fed[child] for child in tree), strict=True))
-    return known
+            weights[tree] = tuple(prod(factors) for factors in zip(*(fed[child] for child in tree), strict=True))
+    return weights
 
 
 def dot(left: Coefficients, right: Coefficients) -> Coefficient:
@@ -79,6 +79,6 @@ def _formula(tree: Tree, here: str, letters: Iterator[str]) -> str:
     parts = [f"c_{here}" + (f"^{leaves}" if leaves > 1 else "")] if leaves else []
     for child in tree:
         if child:
-            there = next(letters)
-            parts.append(f"a_{here}{there} {_formula(child, there, letters)}")
+            letter = next(letters)
+            parts.append(f"a_{here}{letter} {_formula(child, letter, letters)}")
     return " ".join(parts)

@@ -25,9 +25,9 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
     """Check the order of a composition of ("kick" or "drift", part of a step). Raises StatementError if it fails."""
     if not 1 <= order <= HIGHEST_CHECKED:
         raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
-    found = coefficients(order, tuple((what[0], part) for what, part in flows))
+    actual = coefficients(order, tuple((what[0], part) for what, part in flows))
     sizes = coefficients(order, tuple((what[0], abs(part)) for what, part in flows))
-    for word, value in found.items():
+    for word, value in actual.items():
         expected = 1 / factorial(len(word))
         if not abs(value - expected) <= WORD_TOLERANCE * max(1.0, sizes[word]):
             shown = " ".join({"k": "kick", "d": "drift"}[letter] for letter in word)
@@ -40,14 +40,14 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
 def coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
     """Return the coefficient of every word up to that length in the product of exponentials of c times a letter."""
     words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
-    found = dict.fromkeys(words, 0.0) | {"": 1.0}
+    result = dict.fromkeys(words, 0.0) | {"": 1.0}
     for letter, c in flows:
         powers = [c**n / factorial(n) for n in range(order + 1)]
-        found = {
-            word: sum(found[word[: len(word) - n]] * powers[n] for n in range(_tail(word, letter) + 1))
+        result = {
+            word: sum(result[word[: len(word) - n]] * powers[n] for n in range(_tail(word, letter) + 1))
             for word in words
         }
-    return {word: value for word, value in found.items() if word}
+    return {word: value for word, value in result.items() if word}
 
 
 def _tail(word: str, letter: str) -> int:
