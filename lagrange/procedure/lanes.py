@@ -83,7 +83,7 @@ class MemberProcedures:
         self.numbers = count()
 
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure for members that share the arguments as `signature` says.
+        """Return the procedure that runs all members at once; `signature` says which arguments they share.
 
         Its first argument is the mask of the members that take part. An argument that differs between members is a
         vector. An array of each member has entry i of all members side by side. If its part begins at an index of each

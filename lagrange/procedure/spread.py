@@ -147,32 +147,32 @@ class _SpreadSearch(Visitor):
 
     @visits(Let, SineCosine, Read)
     def operation(self, statement: Let | SineCosine | Read) -> None:
-        """Record whether the results of an operation differ: they do if an operand does."""
+        """Record whether the results of an operation differ between members: they do if an operand does."""
         for ref in defined(statement):
             self.mark(ref, own=self.differs(operands(statement)))
 
     @visits(Load)
     def load(self, load: Load) -> None:
-        """Record whether an element of an array differs."""
+        """Record whether an element of an array differs between members."""
         array = load.array
         common = array not in self.own and array not in self.apart and array not in self.written
         self.mark(load.ref, own=not common or load.place in self.own)
 
     @visits(Reserve, ReserveRecord)
     def local(self, one: Reserve | ReserveRecord) -> None:
-        """Record whether a local array or record differs."""
+        """Record whether a local array or record differs between members."""
         self.mark(one.ref, own=True)
 
     @visits(Part)
     def part(self, part: Part) -> None:
-        """Record whether a part of an array differs."""
+        """Record whether a part of an array differs between members."""
         self.mark(part.ref, own=part.array in self.own, apart=part.array in self.apart or part.start in self.own)
         if part.array in self.written:
             self.written[part.ref] = None
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Record whether a variable, or its value, differs."""
+        """Record whether a variable, or the value that is read or set, differs between members."""
         match statement:
             case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
                 self.mark(ref, own=value in self.own)
@@ -181,7 +181,7 @@ class _SpreadSearch(Visitor):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Record whether the results of the procedure differ."""
+        """Record which results of the procedure differ between members."""
         self.parting |= self.parted
         self.results = [own or ref in self.own for own, ref in zip(self.results, leave.values, strict=True)]
 
@@ -204,7 +204,7 @@ class _SpreadSearch(Visitor):
 
     @visits(Call)
     def call(self, call: Call) -> None:
-        """Record which results of a call differ."""
+        """Record which results of a call differ between members."""
         callee = call.callee
         if not isinstance(callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")

@@ -365,7 +365,7 @@ class Recorder:
         return tuple(unknowns) if several else unknowns[0]
 
     def damp(self, factor: Any, vector: TracedVector) -> TracedVector:
-        """Record and return the vector (I - factor J)^-1 vector of `Solver.damp`."""
+        """Record and return the damped vector (I - factor J)^-1 vector, where J is the Jacobian of the last solve."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
                 f"step function {self.name} damps before it solves: damp is for steps of the law 'rhs'."

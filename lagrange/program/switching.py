@@ -42,10 +42,10 @@ class Switched:
 
 
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
-    """Replace every switch that moves by its side; switches of parameters alone remain.
+    """Replace every switch that depends on the motion by an expression in the sides of its surface.
 
-    The smooth `events` follow the outputs. Steps also end at jumps of an atan2 in an event. Its series is smooth
-    through the jump, and would not show zeros after it.
+    Switches of parameters alone remain. The smooth `events` follow the outputs. Steps also end at jumps of an atan2 in
+    an event. Its series is smooth through the jump, and would not show zeros after it.
     """
     outputs = (*outputs, *events)
     switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs))

@@ -44,7 +44,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """The driver and its state; each thread has its own."""
+    """The driver of a flow, its state, and the states of a run that were passed; each thread has its own."""
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None

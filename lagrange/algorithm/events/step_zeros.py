@@ -340,9 +340,10 @@ class ZeroSearch:
 
     @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
-        """End the review at a zero that changes the motion, after the zeros before it. Return the reason why it ends.
+        """End the review at zero number `change`, which changes the motion. Return the reason for the end.
 
-        Other events that are zero there within their noise are recorded there too: the next motion would not find them.
+        The zeros before it are recorded. So are other events that are zero there within their noise, because the next
+        motion would not find them.
         """
         watch, review = self.watch, self.watch.review
         s, event, t = self.times[change], self.events[change], self.samples.block().t[b]

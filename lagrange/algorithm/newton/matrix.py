@@ -130,7 +130,7 @@ def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
 
 @dataclass(frozen=True)
 class Matrix:
-    """A matrix by rows in the work array, and the derivative of the law by columns."""
+    """The matrix of Newton's method, by rows in the work array, and the derivative of the law, by columns."""
 
     layout: Layout
     solve: SolveLayout
@@ -151,7 +151,7 @@ class Matrix:
 
     @inline
     def keep(self, row: In, target: Out) -> None:
-        """Copy a part of a row, padded with zeros to whole blocks."""
+        """Copy a part of a row of the matrix to `target`, padded with zeros to whole blocks."""
         solve = self.solve
         for a in each(solve.width, spill=True, disjoint=True):
             entry = row[a]
@@ -180,7 +180,7 @@ class Matrix:
 
     @inline
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
-        """Return True if the matrix made of blocks of the derivative is singular, not only the matrix of the step."""
+        """Return True if the matrix M of the law, made of `blocks` of its derivative, is singular."""
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):
             for j, (r, s) in enumerate(line):

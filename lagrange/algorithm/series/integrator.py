@@ -94,7 +94,7 @@ class TaylorProcedures:
 
     @cached_property
     def orders(self) -> list[tuple[float, int]]:
-        """Pairs (tolerance, order): the order for the largest tolerance, then every change of order below one."""
+        """Pairs (tolerance, order), by decreasing tolerance: each order is used below its tolerance."""
         exponents = [-k * ORDER_BITS / ORDER_GRID for k in range(ORDER_GRID + 1)]
         found = [(math.inf, self.order(1.0))]
         for above, below in pairwise(exponents):

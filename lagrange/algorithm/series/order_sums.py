@@ -43,7 +43,10 @@ class OrderSum(NamedTuple):
 
 
 class OrderSums:
-    """Builds the sums of all orders from rows. `places` are the indices of the factors in a row."""
+    """Builds the sums over lower orders that an order needs, from the rows of coefficients.
+
+    `places` are the indices of the factors in a row.
+    """
 
     def __init__(
         self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int

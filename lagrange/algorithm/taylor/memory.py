@@ -69,7 +69,10 @@ class Held:
 
 @record
 class OutputCounts:
-    """Number of output times whose states are written. Output times are sorted along the run, and end with NaN."""
+    """Counts of the output times whose states are written.
+
+    Output times are sorted along the run, and end with NaN.
+    """
 
     done: int
     """Number of output times whose states are written, on proven steps."""
@@ -128,7 +131,7 @@ class Offsets:
 
     @inline
     def ahead(self, order: int) -> Any:
-        """Return the offset of a second state with its rows, for evaluations along a step of this order."""
+        """Return the offset of a second state and its rows, where series are evaluated at points along a step."""
         return (order + 1) * self.width + (self.rows + self.scratch)
 
 

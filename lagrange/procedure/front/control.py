@@ -24,9 +24,9 @@ class WrittenLoop(Chosen):
 
 
 class Block:
-    """A part of a procedure under a condition, such as a branch or loop.
+    """A part of a procedure that may not run, or may run several times: a branch or a loop.
 
-    Names that it sets are variables, or have no value after it.
+    A name that it sets is a variable of the procedure, or has no value after it.
     """
 
     where = ""

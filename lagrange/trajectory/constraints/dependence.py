@@ -91,10 +91,7 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
 
 
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent at a state and everywhere around it.
-
-    It has no accelerations.
-    """
+    """Raise StatementError if constraints are dependent everywhere around a state that has no accelerations."""
     dependent = dependence_around(model, t, y, parameters)
     if dependent is not None:
         allowed = model.statement.redundant != REFUSE

@@ -58,7 +58,7 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N), from states of this model."""
+        """Return states of the system, (2n,) or (2n, N), from states of this model, which also have the way."""
         return plain_states(self.model.layout, y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:

@@ -111,7 +111,7 @@ def _columns(series: FloatArray) -> list[list[float]]:
 
 @lru_cache(maxsize=64)
 def _ranks(order: int) -> FloatArray:
-    """Return the numbers 0, 1, ... up to the order, as a column."""
+    """Return the orders 0, 1, ... up to `order` as reals, (order + 1,)."""
     return np.arange(order + 1.0)
 
 
