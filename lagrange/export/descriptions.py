@@ -116,7 +116,10 @@ def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, 
         ("state", len(module.state), "numbers in y: coordinates, then velocities"),
         ("parameters", len(module.parameters), "numbers in parameters"),
         ("prepared", max(length, 1), "numbers in p: parameters, and what depends on them alone"),
-        *((one.name, len(one.results), f"numbers in out of {one.name}") for one in module.quantities),
+        *(
+            (quantity.name, len(quantity.results), f"numbers in out of {quantity.name}")
+            for quantity in module.quantities
+        ),
     ]
 
 

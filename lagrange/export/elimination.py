@@ -174,9 +174,9 @@ def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
     names = [
         target.id
         for statement in statements
-        for one in ast.walk(statement)
-        if isinstance(one, ast.Assign)
-        for target in one.targets
+        for part in ast.walk(statement)
+        if isinstance(part, ast.Assign)
+        for target in part.targets
         if isinstance(target, ast.Name)
     ]
     return {name: names.count(name) > 1 for name in names}

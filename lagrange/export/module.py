@@ -150,7 +150,7 @@ class SourceModule:
 
     def quantity(self, name: str) -> ExportedQuantity | None:
         """Return a quantity by name, or None if it is not exported."""
-        return next((one for one in self.quantities if one.name == name), None)
+        return next((candidate for candidate in self.quantities if candidate.name == name), None)
 
     @property
     def public(self) -> tuple[Procedure, ...]:

@@ -302,11 +302,13 @@ class Hoisted:
         indices: dict[int, int] = {}
         for program in programs:
             table: dict[int, int] = {}
-            for i, one in enumerate(program.instructions[: program.hoisted]):
-                if one.op not in SYSTEMS and all(arg in table for arg in one.args):
-                    moved = one._replace(args=tuple(table[arg] for arg in one.args))
+            for i, instruction in enumerate(program.instructions[: program.hoisted]):
+                if instruction.op not in SYSTEMS and all(arg in table for arg in instruction.args):
+                    moved = instruction._replace(args=tuple(table[arg] for arg in instruction.args))
                     table[i] = merged.setdefault(moved, len(merged))
-            read = [arg for i, one in enumerate(program.instructions) if i not in table for arg in one.args]
+            read = [
+                arg for i, instruction in enumerate(program.instructions) if i not in table for arg in instruction.args
+            ]
             kept = {}
             for i in dict.fromkeys((*read, *program.outputs)):
                 if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAGS):
@@ -387,14 +389,14 @@ class PrintedFunctions:
         self.needed: dict[str, None] = {}
         """Operations that the printed functions use; "factor" if they solve linear systems."""
         self.divisors = module.divisors if statuses else None
-        self.programs = {one.name: self._checked(one) for one in module.quantities}
+        self.programs = {instruction.name: self._checked(instruction) for instruction in module.quantities}
         listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
         self.hoisted = Hoisted(listed, len(module.parameters))
         stated = (*module.state, *module.parameters, *module.names.entries)
         taken = [
             *language.reserved,
             *(name for name, _ in indices(module)),
-            *(one for one in map(ascii_name, stated) if GENERATED.fullmatch(language.key(one))),
+            *(instruction for instruction in map(ascii_name, stated) if GENERATED.fullmatch(language.key(instruction))),
         ]
         names, first = distinct(stated, taken, key=language.key), len(module.state)
         last = first + len(module.parameters)

@@ -164,7 +164,7 @@ class Library:
 
     def text_before(self, *programs: Program) -> str:
         """Return the text before the functions of some programs: imports and the helpers that they need."""
-        used = dict.fromkeys(one.op for program in programs for one in program.instructions)
+        used = dict.fromkeys(instruction.op for program in programs for instruction in program.instructions)
         parts = [self.head, *self.language.definitions(used), *([self.systems.strip()] if "factor" in used else [])]
         return "\n\n\n".join(parts)
 

@@ -33,7 +33,9 @@ class Exported:
 
     def __str__(self) -> str:
         lines = [f"wrote {path}" for path in self.files]
-        return "\n".join([*lines, f"to test them, in {self.files[0].parent}:", *(f"  {one}" for one in self.commands)])
+        return "\n".join(
+            [*lines, f"to test them, in {self.files[0].parent}:", *(f"  {command}" for command in self.commands)]
+        )
 
 
 def export(
@@ -68,7 +70,7 @@ def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
     """
     folder = real_path(path)
     try:
-        missing = [one for one in (folder, *folder.parents) if not one.exists()]
+        missing = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StatementError(

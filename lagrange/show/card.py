@@ -149,5 +149,5 @@ def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
     """Return the line with the number of occurrences of each event, if there are events."""
     if not times:
         return []
-    counts = (f"event {i}: {counted(len(found), 'time')}" for i, found in enumerate(times))
+    counts = (f"event {i}: {counted(len(occurrences), 'time')}" for i, occurrences in enumerate(times))
     return [("events", ", ".join(counts))]

@@ -112,11 +112,11 @@ class PhasePortrait(Drawn, PortraitData):
             for place in self.equilibria[:_MOST_PLACES]
         ]
         return [
-            ("plane", listing(f"{one.name} {one.low:.4g} to {one.high:.4g}" for one in self.plane)),
+            ("plane", listing(f"{axis.name} {axis.low:.4g} to {axis.high:.4g}" for axis in self.plane)),
             *([("held", fixed)] if self.held else []),
             *places,
             ("separatrices", str(len(self.separatrices))),
-            ("orbits", f"{len(self.orbits)}, {sum(one.closed for one in self.orbits)} closed"),
+            ("orbits", f"{len(self.orbits)}, {sum(axis.closed for axis in self.orbits)} closed"),
         ]
 
 

@@ -50,7 +50,14 @@ def _unit(statement: Statement, dimension: Dimension | None) -> str:
         return "" if dimension is None else dimension.unit
     if not dimension.exponents:
         return "rad"
-    return next((one.unit for one in statement.dimensions.values() if one.unit and one.fits(dimension)), "")
+    return next(
+        (
+            known_unit.unit
+            for known_unit in statement.dimensions.values()
+            if known_unit.unit and known_unit.fits(dimension)
+        ),
+        "",
+    )
 
 
 def with_unit(label: str, unit: str) -> str:

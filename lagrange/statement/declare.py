@@ -137,8 +137,8 @@ def _with_rotations(
     parts = reading(typed, forces, dissipation, zeros.values(), statement.coordinates, names)
     if parts is None:
         return whole
-    held = zip(statement.constraints, parts["constraints"], strict=True)
-    parts["constraints"] = tuple(replace(one, expression=zero) for one, zero in held)
+    pairs = zip(statement.constraints, parts["constraints"], strict=True)
+    parts["constraints"] = tuple(replace(constraint, expression=zero) for constraint, zero in pairs)
     values = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     about = " ".join([*([statement.about] if statement.about else []), *(explanation(name, values) for name in names)])
     start = start_in_turns(names, parts["coordinates"], values)

@@ -308,11 +308,11 @@ def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[
 
     Cached: SymPy takes 20 us for each comparison of coordinates.
     """
-    found = []
+    quaternions = []
     for each in _rotations_of(coordinates):
         rows = [coordinates.index(q) for q in each.quaternion]
-        found.append((each, rows, [row + len(coordinates) for row in rows]))
-    return found
+        quaternions.append((each, rows, [row + len(coordinates) for row in rows]))
+    return quaternions
 
 
 @lru_cache(maxsize=256)

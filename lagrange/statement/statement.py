@@ -119,7 +119,7 @@ class Statement:
 
     def __getstate__(self) -> dict[str, Any]:
         # Cached properties are computed again.
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def mapped(self, change: Callable[[Any], Any]) -> Statement:
         """Return the statement with a function applied to each of its expressions."""
@@ -130,7 +130,9 @@ class Statement:
             lagrangian=change(self.lagrangian),
             forces=tuple(map(change, self.forces)),
             dissipation=change(self.dissipation),
-            constraints=tuple(replace(one, expression=change(one.expression)) for one in self.constraints),
+            constraints=tuple(
+                replace(constraint, expression=change(constraint.expression)) for constraint in self.constraints
+            ),
             positions=MappingProxyType({label: tuple(map(change, point)) for label, point in self.positions.items()}),
             contacts=tuple(each.mapped(change) for each in self.contacts),
             surfaces=MappingProxyType({name: tuple(map(change, point)) for name, point in self.surfaces.items()}),

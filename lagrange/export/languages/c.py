@@ -143,7 +143,9 @@ def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
 
 def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
     """Return the C declaration of a struct of numbers with a name and fields."""
-    return "\n".join(["typedef struct {", *(f"    {KINDS[kind]} {one};" for one, kind in fields), f"}} {name};", ""])
+    return "\n".join(
+        ["typedef struct {", *(f"    {KINDS[kind]} {field};" for field, kind in fields), f"}} {name};", ""]
+    )
 
 
 # --- the programs

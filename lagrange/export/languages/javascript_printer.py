@@ -129,9 +129,9 @@ def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shif
 
     `procedures` are ordered, callees before their callers.
     """
-    shifted = {one: always.get(one, frozenset[int]()) for one in procedures}
+    shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
-        own_refs = [one.ref for place, one in enumerate(caller.parameters) if place in shifted[caller]]
+        own_refs = [procedure.ref for place, procedure in enumerate(caller.parameters) if place in shifted[caller]]
         moved = frozenset((*own_refs, *(part.ref for part in _parts(caller.body))))
         for call in calls(caller.body):
             if isinstance(call.callee, Procedure):
@@ -235,10 +235,10 @@ class _JavaScriptPrinter(BracedPrinter):
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.memory_name(ref)
-        fields = [one for one, _ in record.fields]
-        self.file.memory[name] = f"const {name} = {{ {', '.join(f'{one}: 0' for one in fields)} }};"
-        for one in fields:
-            self.put(f"{name}.{one} = 0;")
+        fields = [field for field, _ in record.fields]
+        self.file.memory[name] = f"const {name} = {{ {', '.join(f'{field}: 0' for field in fields)} }};"
+        for name_of_field in fields:
+            self.put(f"{name}.{name_of_field} = 0;")
 
     def memory_name(self, ref: int) -> str:
         """Return the name of a local array or record in the file."""

@@ -204,7 +204,10 @@ def _function(name: str, given: Mapping[str, int], made: str, function: PrintedF
     `given` has the length of each argument by name, 0 for a number; `made` is the array that the function returns.
     """
     yield f"function {name}"
-    yield from (f"  input Real {one};" if one == "t" else f"  input Real {one}[{size}];" for one, size in given.items())
+    yield from (
+        f"  input Real {argument};" if argument == "t" else f"  input Real {argument}[{size}];"
+        for argument, size in given.items()
+    )
     yield f"  output Real {made};"
     if function.declared:
         yield "protected"

@@ -85,11 +85,11 @@ class _Colours:
         blends = max(2, min(_BLENDS, 254 // (len(base) - 1)))
         shares = np.arange(1, blends + 1) / blends
         shades = [paper + share * (colour - paper) for colour in base[1:] for share in shares]
-        found = np.unique(np.rint([paper, *shades]).astype(np.uint8), axis=0)[:_CLEAR]
+        colours = np.unique(np.rint([paper, *shades]).astype(np.uint8), axis=0)[:_CLEAR]
         self.table = np.zeros((256, 3), dtype=np.uint8)
-        self.table[: len(found)] = found
+        self.table[: len(colours)] = colours
         grid = np.indices((32, 32, 32), dtype=np.float32).reshape(3, -1).T * (255 / 31)
-        entries = found.astype(np.float32)
+        entries = colours.astype(np.float32)
         far = (entries**2).sum(axis=1)
         self._nearest = np.concatenate(
             [
@@ -98,7 +98,7 @@ class _Colours:
             ]
         )
         whole = np.rint(base).astype(np.uint8)  # large areas have these colours, which stay exact
-        self._nearest[_cells(whole)] = [int((found == colour).all(axis=1).argmax()) for colour in whole]
+        self._nearest[_cells(whole)] = [int((colours == colour).all(axis=1).argmax()) for colour in whole]
 
     def numbers(self, pixels: Pixels) -> NDArray[np.uint8]:
         """Return the colour indices (K,) of pixels (K, 4)."""

@@ -77,7 +77,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     """Draw arrows of equal length in the directions that orbits have in the picture."""
-    widths = np.array([one.width for one in portrait.plane])
+    widths = np.array([axis_range.width for axis_range in portrait.plane])
     u, v = portrait.u / widths[0], portrait.v / widths[1]
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.hypot(u, v)

@@ -251,7 +251,7 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle
     bar.set_label(label, color=style.ink, fontsize=9)
     if isinstance(image.norm, LogNorm):
         ticks = log_ticks(*image.get_clim())
-        bar.set_ticks(ticks, labels=[number_labels([one])[0] for one in ticks])
+        bar.set_ticks(ticks, labels=[number_labels([tick])[0] for tick in ticks])
         bar.minorticks_off()
     bar.ax.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=8)
     outline: Any = bar.outline
@@ -353,7 +353,10 @@ class TimePanel:
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
         """Draw all curves, with a legend if there are several."""
-        runs = [curves(one, run, pixels) for one, run in zip(self.quantities, self.solutions, strict=True)]
+        runs = [
+            curves(panel_quantity, run, pixels)
+            for panel_quantity, run in zip(self.quantities, self.solutions, strict=True)
+        ]
         values = np.concatenate([np.empty(0), *map(_values, runs)])
         values = values[np.isfinite(values)]
         quantity = self.quantities[0]
@@ -378,12 +381,12 @@ class TimePanel:
     def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
         """Draw the lines of a run. Runs have a colour each, or a line style if the rows have the colours."""
         several, count = len(self.solutions) > 1, len(run.lines)
-        own = colours(len(self.solutions), style.colours)[place]
+        run_colour = colours(len(self.solutions), style.colours)[place]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)
         if count > 1:
             shades = colours(count, style.colours)
         elif several:
-            shades = (own,)
+            shades = (run_colour,)
         kind = LINES[place % len(LINES)] if several and count > 1 else "-"
         for line, shade, label in zip(run.lines, shades, self.quantities[place].labels, strict=False):
             dots = run.dots or line.shape[1] < _FEW
@@ -441,11 +444,11 @@ def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curve
     )
     if not quantity.drift or len(run.t) < _FEW:
         return Curves(lines, note=window.note if window else "", window=window)
-    own = quantity.values(solution)
-    at_steps, between = (_largest(rows) for rows in (own, np.concatenate([line[1] for line in lines])))
+    step_values = quantity.values(solution)
+    at_steps, between = (_largest(rows) for rows in (step_values, np.concatenate([line[1] for line in lines])))
     if between <= max(_MORE * at_steps, _ROUND_OFF):
         return Curves(lines)
-    steps = [thinned(run.t, row, pixels) for row in own]
+    steps = [thinned(run.t, row, pixels) for row in step_values]
     return Curves(steps, dots=True, note=f"at the steps (the dense output between them: up to {between:.1e})")
 
 

@@ -349,8 +349,8 @@ class PathPanel:
 
         If the panel is to scale, both directions have the same length.
         """
-        own = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
-        low, high = limits(np.concatenate(own, axis=1))
+        point_sets = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
+        low, high = limits(np.concatenate(point_sets, axis=1))
         to_scale = self.shape == "square" and all(run.to_scale for run in runs)
         more = ((high - low).max() - (high - low)) / 2 if to_scale or self.view.spatial else np.zeros(len(low))
         return np.array([low - more, high + more])

@@ -116,7 +116,7 @@ class Contents:
     def _over_time(self, of: Callable[[Solution], PanelQuantity | None], *, wide: bool = False) -> list[Panel]:
         """Return one panel of a quantity for all runs; no panel if a run lacks it."""
         quantities = [of(run) for run in self.solutions]
-        kept = [one for one in quantities if one is not None]
+        kept = [quantity for quantity in quantities if quantity is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(quantities) else []
 
     def _rows(self, names: Sequence[str], *, rate: bool = False) -> list[Panel]:
@@ -144,16 +144,16 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
     if of is None:
         return None
     given = list(of) if isinstance(of, (list, tuple)) else [of]
-    found = [row_label(one) for one in given]
-    for name in found:
+    names_found = [row_label(key) for key in given]
+    for name in names_found:
         if name not in names:
             raise StatementError(
                 f"of = {name[:80]!r} is not a coordinate of this system; they are {listing(names)}."
                 + suggestion(name, names)
             )
-    if not found:
+    if not names_found:
         raise StatementError(f"of = [] chooses no coordinate; they are {listing(names)}.")
-    return found
+    return names_found
 
 
 DPI = 200
@@ -212,21 +212,21 @@ def plot_runs(
 def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
     """Return the names of runs: those given, else methods, parameters or first values that differ."""
     if given is not None:
-        found = [given] if isinstance(given, str) else entries(given, "labels")
-        if found is None or len(found) != len(solutions) or not all(isinstance(one, str) for one in found):
+        labels = [given] if isinstance(given, str) else entries(given, "labels")
+        if labels is None or len(labels) != len(solutions) or not all(isinstance(label, str) for label in labels):
             raise StatementError(
                 f"labels are {shown(given)}: give a text for each of {counted(len(solutions), 'run')}."
             )
-        return [one.replace("$", r"\$") for one in found]
+        return [label.replace("$", r"\$") for label in labels]
     if len(solutions) == 1:
         return [""]
     methods = [run.method for run in solutions]
     if len(set(methods)) == len(methods):
         return methods
     for values in ([dict(run.parameters) for run in solutions], [_first(run) for run in solutions]):
-        keys = [key for key in values[0] if len({one.get(key) for one in values}) == len(values)]
+        keys = [key for key in values[0] if len({label.get(key) for label in values}) == len(values)]
         if keys:
-            return [f"{keys[0]} = {one[keys[0]]:.6g}" for one in values]
+            return [f"{keys[0]} = {label[keys[0]]:.6g}" for label in values]
     return [f"run {k}" for k in range(1, len(solutions) + 1)]
 
 
@@ -381,7 +381,7 @@ def plot(
     that are not solutions, and for those that `Solution.plot` refuses.
     """
     runs = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
-    if not runs or not all(isinstance(one, Solution) for one in runs):
+    if not runs or not all(isinstance(run, Solution) for run in runs):
         raise StatementError(
             f"lg.plot got {shown(solutions)}: give one solution, or a list of solutions, such as "
             "lg.plot([first, second])."

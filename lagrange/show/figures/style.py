@@ -277,10 +277,10 @@ def log_ticks(low: float, high: float) -> list[float]:
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
     values = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
     if len(values) >= FEWEST_TICKS:
-        return values if len(values) <= MOST_TICKS else [one for one in values if math.log10(one) % 1 < 0.1]
+        return values if len(values) <= MOST_TICKS else [tick for tick in values if math.log10(tick) % 1 < 0.1]
     from matplotlib.ticker import MaxNLocator
 
-    return [float(one) for one in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= one <= high]
+    return [float(tick) for tick in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= tick <= high]
 
 
 def angle_ticks(axis: Any, low: float, high: float) -> None:

@@ -48,7 +48,7 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
             kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
             raise StatementError(f"{_named(path)} is {kind}: give a file that solution.to_npz wrote.")
         with zipfile.ZipFile(file) as archive:
-            _check_sizes([one.file_size for one in archive.infolist()], path, most)
+            _check_sizes([info.file_size for info in archive.infolist()], path, most)
         with np.load(file, allow_pickle=False) as arrays:
             return dict(arrays)
     except StatementError:

@@ -40,8 +40,8 @@ class BookOrder:
         for place, parameter in enumerate(stated):
             head, _ = index_parts(parameter.name)
             self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), place)
-        for place, one in enumerate(statement.constraints):
-            self.rank[one.multiplier] = (MULTIPLIER, 0, place)
+        for place, constraint in enumerate(statement.constraints):
+            self.rank[constraint.multiplier] = (MULTIPLIER, 0, place)
         for place, symbol in enumerate(plain):
             self.rank[symbol] = (POSITION + place % 3, 0, place // 3)
         self.typed: frozenset[Any] = frozenset()
@@ -54,7 +54,7 @@ class BookOrder:
         """The sums of the statement: their signs are kept as the author chose them."""
         statement = self._statement
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
-        stated += [one.expression for one in statement.constraints]
+        stated += [constraint.expression for constraint in statement.constraints]
         stated += [entry for point in statement.positions.values() for entry in point]
         return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(Add))
 

@@ -49,7 +49,7 @@ class Typesetter:
         self.plain = statement.plain
         self._signed: dict[Any, tuple[bool, FormulaPiece]] = {}
         self.letters: dict[Any, str] = {t: notation.letter("t")}
-        for symbol in (*statement.parameters, *(one.multiplier for one in statement.constraints)):
+        for symbol in (*statement.parameters, *(constraint.multiplier for constraint in statement.constraints)):
             self.letters[symbol] = notation.letter(symbol.name)
         for place, symbol in enumerate(self.plain.values()):
             name, order = statement.names[place // 3], place % 3
@@ -292,7 +292,7 @@ class SideWriter:
     """Writes sides of formulas in a notation, each on one line."""
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
-        multipliers = [one.multiplier.name for one in statement.constraints]
+        multipliers = [constraint.multiplier.name for constraint in statement.constraints]
         given = [str(function.func.__name__) for function in statement.given]
         names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers, *given]
         self.notation = notation(names)

@@ -39,8 +39,8 @@ class MathmlNotation(Notation):
         spelled = f"<mi>{escape(head if name in self.literal else UNICODE_GREEK.get(head, head))}</mi>"
         if dots:
             spelled = f'<mover accent="true">{spelled}<mo>{DOTS[dots]}</mo></mover>'
-        own = [f"<{_kind(part)}>{escape(UNICODE_GREEK.get(part, part))}</{_kind(part)}>" for part in parts]
-        return self.below(spelled, [*own, *map(self.letter, indices)])
+        elements = [f"<{_kind(part)}>{escape(UNICODE_GREEK.get(part, part))}</{_kind(part)}>" for part in parts]
+        return self.below(spelled, [*elements, *map(self.letter, indices)])
 
     def below(self, head: str, parts: Sequence[str]) -> str:
         """Return a letter with indices below the line."""

@@ -68,7 +68,9 @@ def bold(words: str) -> str:
 def operations(statement: Statement) -> int:
     """Return the number of operations of the expressions from which the equations of motion are derived."""
     stated = [statement.lagrangian, statement.dissipation, *statement.forces]
-    return sum(int(one.count_ops()) for one in (*stated, *(each.expression for each in statement.constraints)))
+    return sum(
+        int(expression.count_ops()) for expression in (*stated, *(each.expression for each in statement.constraints))
+    )
 
 
 def _plain(latex: str) -> str:
@@ -113,7 +115,7 @@ class PageWriter:
 
     def formulas(self, formulas: Sequence[Formula]) -> str:
         """Return formulas on separate lines, aligned."""
-        lines = [line for one in formulas for line in self._page.lines.formula(one)]
+        lines = [line for formula in formulas for line in self._page.lines.formula(formula)]
         if len(lines) == 1:
             return f"$$\n{_plain(self._page.in_one_line(lines[0]))}\n$$"
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"

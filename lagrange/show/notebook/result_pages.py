@@ -172,7 +172,7 @@ def _rounded(value: Any) -> Any:
     """Return a decimal with six digits; exact numbers and expressions are unchanged."""
     if not isinstance(value, sympy.Expr):
         return value
-    return value.xreplace({one: sympy.Float(f"{float(one):.6g}") for one in value.atoms(sympy.Float)})
+    return value.xreplace({decimal: sympy.Float(f"{float(decimal):.6g}") for decimal in value.atoms(sympy.Float)})
 
 
 class ResultList(list[Any]):
@@ -183,4 +183,4 @@ class ResultList(list[Any]):
             return None
         writer = PageWriter(self[0].statement)
         parts = conserved_parts if isinstance(self[0], Conserved) else equilibrium_parts
-        return joined((part for one in self for part in parts(one, writer)), "the fields of the record have it.")
+        return joined((part for record in self for part in parts(record, writer)), "the fields of the record have it.")

@@ -41,7 +41,7 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
     yield "the parameters", _parameters(statement, writer)
     yield "the initial state", _initial(statement, writer)
     yield "the equations of motion", _equations(derivation, writer)
-    yield "the structure", f"{bold('Structure')}\n\n" + "\n".join(f"- {markdown_text(one)}" for one in findings)
+    yield "the structure", f"{bold('Structure')}\n\n" + "\n".join(f"- {markdown_text(finding)}" for finding in findings)
 
 
 NAMED_COORDINATES = 12

@@ -340,12 +340,12 @@ class _SceneWriter:
         nodes = dict.fromkeys(
             node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)
         )
-        for node, found in ((node, table_of(node)) for node in nodes):
-            if found is not None:
+        for node, made_from in ((node, table_of(node)) for node in nodes):
+            if made_from is not None:
                 name = next(name for k in count(1) if (name := f"table_{k}") not in (*taken, *self.leaves.values()))
-                argument = self.text("the argument of a table", found[0], plain)
+                argument = self.text("the argument of a table", made_from[0], plain)
                 self.leaves[node] = name
-                yield name, f"{{ argument = {argument}, {_columns(found[1], ('points', 'values'))} }}"
+                yield name, f"{{ argument = {argument}, {_columns(made_from[1], ('points', 'values'))} }}"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""

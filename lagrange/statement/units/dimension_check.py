@@ -266,7 +266,7 @@ def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, An
 @lru_cache(maxsize=64)
 def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
     known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
-    known |= {symbol: one for symbol, _ in resets if (one := dimension_of(symbol, known)) is not None}
+    known |= {symbol: dimension for symbol, _ in resets if (dimension := dimension_of(symbol, known)) is not None}
     parts = [CheckedPart(f"event {place}", _without_own_numbers(zero, None, known), None)]
     parts += [
         CheckedPart(f"the reset of event {place}", _without_own_numbers(value, symbol, known), symbol)
@@ -289,7 +289,7 @@ def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) 
     def is_ratio(term: Any) -> bool:
         dimension = dimension_of(term, all_known)
         measured = [all_known[symbol] for symbol in term.atoms(sympy.Symbol, AppliedUndef) if symbol in all_known]
-        return dimension is not None and not dimension.exponents and any(one.exponents for one in measured)
+        return dimension is not None and not dimension.exponents and any(entry.exponents for entry in measured)
 
     multiples = [term for term in sympy.Add.make_args(value) if is_multiple_of_time(term)]
     if multiples and like is not None and is_time(like) and value.free_symbols == {t}:
@@ -379,8 +379,8 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
     """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
-    found = equations.dimension(symbol)
-    return replace(dimension, factor=None if found is None else found.factor)
+    unit_dimension = equations.dimension(symbol)
+    return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
 
 def _factor(logarithm: float) -> str:
