@@ -12,6 +12,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import mpmath
+import sympy
+
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.constraint_laws import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
@@ -30,7 +33,8 @@ from lagrange.evidence.report import (
 from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler, solved_statement
 from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
-from lagrange.statement.coordinate import acceleration_of
+from lagrange.statement.coordinate import acceleration_of, multiplier, t
+from lagrange.statement.expression import in_full
 from lagrange.statement.number import whole_number
 from lagrange.statement.rotation import of_quaternions
 from lagrange.statement.statement import Statement
@@ -75,7 +79,7 @@ BATCH = "batch against single"
 
 
 def check(
-    model: Model, textbook: Mapping[Any, Any] | None = None, other: Model | None = None, points: int = 5, seed: int = 0
+    model: Model, textbook: Textbook | None = None, other: Model | None = None, points: int = 5, seed: int = 0
 ) -> Report:
     """Compare every quantity of a compiled model with its definition, at random points inside the domain.
 
@@ -98,9 +102,7 @@ def check(
 class _Session:
     """State of one check: its points so far, and the comparisons at them."""
 
-    def __init__(
-        self, model: Model, textbook: Mapping[Any, Any] | None, other: Model | None, points: int, seed: int
-    ) -> None:
+    def __init__(self, model: Model, textbook: Textbook | None, other: Model | None, points: int, seed: int) -> None:
         self.started = time.perf_counter()
         self.model = model
         self.other = other
@@ -228,7 +230,7 @@ class _Session:
             for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
 
-    def _compare_textbook(self, tape: Precise, point: SamplePoint, part: ReferenceEntries) -> None:
+    def _compare_textbook(self, tape: Precise | SolvedTextbook, point: SamplePoint, part: ReferenceEntries) -> None:
         try:
             expected = tape(point.q, point.v, point.t, point.parameters)
         except OutsideDomain as reason:
@@ -261,8 +263,57 @@ class _Session:
         return f"{self.other.target} against {self.model.target}" if self.other is not None else ""
 
 
-def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:
+class SolvedTextbook:
+    """The accelerations of a derivation with rotations as a function of a state, by a linear solve at each.
+
+    The equations and the derivatives of the constraints are linear in the accelerations of coordinates and turns, and
+    in the multipliers. The accelerations of quaternions follow from those of turns.
+    """
+
+    def __init__(self, derivation: Any, statement: Statement, prescribed: Mapping[Any, Any]) -> None:
+        read = statement.as_read
+        turns = {q: sympy.Dummy() for q in read.coordinates}
+        unknown = {acceleration_of(q): symbol for q, symbol in turns.items()}
+        unknown |= {multiplier(each.name): sympy.Dummy() for each in read.constraints}
+        own = of_quaternions(turns, statement.rotations)
+        second = {acceleration_of(q): own[q] for q in statement.coordinates}
+        laws = [in_full((law.lhs - law.rhs).xreplace(unknown)) for law in derivation.equations[: len(turns)]]
+        for each in statement.constraints:
+            laws.append(each.expression.diff(t, 2 if each.holonomic else 1).xreplace(second))
+        rows, symbols = [*laws, *(own[q] for q in statement.coordinates)], list(unknown.values())
+        still = dict.fromkeys(symbols, sympy.S.Zero)
+        rest = [row.xreplace(still) for row in rows]
+        # Each row is linear: a difference gives a coefficient, and takes less time than a derivative.
+        entries = [
+            row.xreplace({**still, symbol: sympy.S.One}) - alone
+            for row, alone in zip(rows, rest, strict=True)
+            for symbol in symbols
+        ] + rest
+        self._tape = Precise([entry.xreplace(prescribed) for entry in entries], statement, REFERENCE_DIGITS)
+        self._shape = len(laws), len(rows), len(symbols)
+
+    def __call__(self, q: Any, v: Any, time: float, parameters: Any) -> list[Any]:
+        """Return the accelerations (n,) of a state. Raises OutsideDomain for singular equations."""
+        count, size, width = self._shape
+        found = self._tape(q, v, time, parameters)
+        with mpmath.workdps(REFERENCE_DIGITS):
+            slopes, rest = mpmath.matrix(size, width), mpmath.matrix(found[size * width :])
+            slopes[:, :] = mpmath.matrix([found[i * width : (i + 1) * width] for i in range(size)])
+            try:
+                solved = mpmath.lu_solve(slopes[:count, :], -rest[:count])
+            except ZeroDivisionError:
+                raise OutsideDomain("its equations are singular") from None
+            return list(slopes[count:, :] * solved + rest[count:])
+
+
+Textbook = Mapping[Any, Any] | SolvedTextbook
+"""Accelerations by coordinate, or equations that are solved at each point."""
+
+
+def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
     """Return a program for the accelerations of a textbook. Raises StatementError if one is missing."""
+    if isinstance(textbook, SolvedTextbook):
+        return textbook
     table = {**textbook}
     missing = [
         name
@@ -302,7 +353,7 @@ def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str,
         return None, (f"not compared with the target {target}: {missing}",)
 
 
-def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
+def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
     """Return the accelerations of the textbook derivation and notes; None and a note if they are too large to derive.
 
     `prescribed` maps functions of time and their derivatives to their values.
@@ -310,10 +361,13 @@ def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[An
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)
+    derivation = system.derivation()
     try:
-        solved = system.derivation().accelerations
+        solved = derivation.accelerations
         if system.statement.reading is not None:
             solved = of_quaternions(solved, system.statement.rotations)
         return {q: a.xreplace(prescribed) for q, a in solved.items()}, ()
     except StatementError as refusal:
+        if system.statement.reading is not None:
+            return SolvedTextbook(derivation, system.statement, prescribed), ()
         return None, (f"not compared with the textbook derivation: {refusal}",)

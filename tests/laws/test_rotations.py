@@ -14,6 +14,7 @@ from sympy import cos, diag, sin
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.evidence.check import SolvedTextbook, check
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.program.series import convolutions
 from lagrange.program.taylor import series_program
@@ -354,6 +355,24 @@ def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None
     report = system.check(points=2, seed=seed)
     assert report
     assert "textbook accelerations" in str(report)
+
+
+def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point() -> None:
+    """Its equations are solved in numbers there: a wrong inertia in them is found."""
+    held, _ = top_on_a_joint()
+    statement = held.statement
+    textbook = SolvedTextbook(held.derivation(), statement, {})
+    report = check(held.compile("numpy"), textbook=textbook, points=2)
+    assert report and "textbook accelerations" in str(report)
+    heavier = held.substitute({lg.parameters("J1"): sympy.Rational(101, 10000)})
+    wrong = SolvedTextbook(heavier.derivation(), statement, {})
+    assert not check(held.compile("numpy"), textbook=wrong, points=2)
+
+
+@pytest.mark.slow
+def test_the_accelerations_of_a_rattleback_are_compared_with_its_derivation() -> None:
+    report = lg.scene("rattleback").check()
+    assert report and "textbook accelerations" in str(report) and not report.notes
 
 
 def test_a_rolling_ball_has_the_equations_of_chaplygin() -> None:
