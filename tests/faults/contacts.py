@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from sympy import cos, diff, sin
 
 import lagrange as lg
 from lagrange.machine.model import Model
@@ -28,6 +29,16 @@ def ball(initial: Any = None, **law: Any) -> Callable[[], Model]:
         return lg.System(y.dot**2 / 2, y, contacts={"floor": floor}, initial=start, name="ball").compile()
 
     return made
+
+
+@cache
+def rod() -> Model:
+    """Return a rod on a rough floor, in the region of Painleve's paradox."""
+    x, theta = lg.coordinates("x theta")
+    floor = lg.contact(y - sin(theta) / 2, slip=diff(x + cos(theta) / 2, lg.t), friction=1.4)
+    start = {theta: np.pi / 3, y: np.sin(np.pi / 3) / 2, x.dot: 3.0}
+    kinetic = (x.dot**2 + y.dot**2) / 2 + theta.dot**2 / 24
+    return lg.System(kinetic, 9.81 * y, contacts={"floor": floor}, initial=start, name="rod").compile()
 
 
 def rebound(times: FloatArray) -> FloatArray:
@@ -68,4 +79,5 @@ CONTACTS = (
         options={"t_eval": np.linspace(0, 2.5, 11)},
         refusal=NOT_MADE_FOR,
     ),
+    Fault("Painleve's paradox", "a rod at 60 degrees, mu = 1.4", rod, refusal=f"Painleve|{NOT_MADE_FOR}"),
 )
