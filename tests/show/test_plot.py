@@ -196,6 +196,12 @@ def test_a_coordinate_at_rest_is_a_level_line() -> None:
     assert low < 0.6 and high > 1.4
 
 
+def test_values_near_the_largest_double_have_limits() -> None:
+    """The sum of two of them overflows."""
+    figure = oscillator(np.linspace(0, 1, 3)).plot(what=1e308)
+    assert np.isfinite(figure.axes[0].get_ylim()).all()
+
+
 @pytest.mark.slow
 def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_state_is_touched() -> None:
     code = (

@@ -44,7 +44,7 @@ def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     size = max(abs(low), abs(high), scale)
     if high - low <= LEVEL_RANGE * size:
-        middle, half = (low + high) / 2, 0.5 * size or 1.0
+        middle, half = low / 2 + high / 2, 0.5 * size or 1.0
         return middle - half, middle + half
     room = AXIS_MARGIN * (high - low)
     return low - room, high + room
