@@ -14,6 +14,7 @@ from lagrange.export.target import check_operations, find
 from lagrange.machine.model import Model
 from lagrange.show.files.atomic_file import real_path, write_together
 from lagrange.statement.event import declare_events
+from lagrange.statement.expression import refusing_deep
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Exported:
         )
 
 
+@refusing_deep
 def export(
     model: Model,
     target: str,

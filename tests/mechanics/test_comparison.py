@@ -298,7 +298,7 @@ def test_sympy_and_text_are_read_alike() -> None:
     assert pendulum.compare("# by hand\n\nl*theta_ddot = -g*sin(theta)  # the only one\n")
 
 
-@pytest.mark.parametrize("number", [5e-324, sp.Float("1e-400"), "theta_ddot + 1e-320"])
+@pytest.mark.parametrize("number", [5e-324, 1.7976931348623157e308, sp.Float("1e-400"), "theta_ddot + 1e-320"])
 def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any) -> None:
     assert not system("pendulum").compare(number)
 

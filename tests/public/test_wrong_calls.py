@@ -178,7 +178,7 @@ def test_what_is_shown_has_no_bound_of_digits() -> None:
     assert "a whole number of about 5001 digits" in repr(UNTYPED.Problem(None, {}, 0.0, 10**5000, np.zeros(2)))
 
 
-def test_what_is_shown_has_no_bound_of_levels() -> None:
+def test_what_is_shown_has_no_bound_of_levels(tmp_path: Path) -> None:
     deep = nested(lg.coordinate("x"), 350)
     assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))
     with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
@@ -186,6 +186,7 @@ def test_what_is_shown_has_no_bound_of_levels() -> None:
     x, y = lg.coordinates("x y")
     plane = lg.System(x.dot**2 + y.dot**2, 0, coordinates=[x, y])
     for call in (
+        lambda: plane.export("c", tmp_path, ["events"], events=deep),
         lambda: plane.noether({x: deep}),
         lambda: plane.transform({x: deep}),
         lambda: plane.hamiltonian().poisson(deep, y),

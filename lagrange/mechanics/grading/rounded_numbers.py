@@ -39,7 +39,7 @@ def with_exact_numbers(
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
     if not decimals_typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
         return None
-    if any(number and abs(float(number)) < TINY for number in (*decimals_typed, *decimals)):
+    if any(number and not TINY <= abs(float(number)) <= 1 / TINY for number in (*decimals_typed, *decimals)):
         return None
     typed = sorted(decimals_typed, key=_unit)
     try:
@@ -67,7 +67,10 @@ def with_exact_numbers(
 
 
 TINY = 1e-300
-"""Decimals below this size are not taken for rounded numbers: their digits are not those of doubles."""
+"""Decimals below this size, and above its inverse, are not taken for rounded numbers.
+
+Their digits, or those of their products, are not those of doubles.
+"""
 
 
 def _unit(number: Decimal) -> float:
