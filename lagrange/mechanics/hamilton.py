@@ -155,7 +155,7 @@ def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tu
         raise StatementError(_degenerate(form, block))
     names = listing(form.statement.names[i] for i in block)
     raise StatementError(
-        f"the momenta of {form.statement.name} are not solved for the velocities of {names} in symbols: they are not "
+        f"the momenta of {form.statement.name} cannot be solved for the velocities of {names} in symbols: they are not "
         "linear in them. compile() runs the system in velocities."
     )
 

@@ -43,7 +43,7 @@ def explored_sliders(statement: Statement, ranges: Any, named: Mapping[str, Any]
     adjustable = places(statement)
     if not bounds:
         raise StatementError(
-            f"no slider was asked for: give bounds such as explore({next(iter(adjustable))}=(0, 2)), of "
+            f"no slider was asked for: give bounds such as explore({next(iter(adjustable))}=(0, 2)), for one of "
             f"{listing(adjustable)}."
         )
     if len(bounds) > MOST_SLIDERS:

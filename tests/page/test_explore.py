@@ -46,7 +46,7 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
         ({"thetta1": (0, 1)}, "Did you mean 'theta1'?"),
         ({"m3": (0, 1)}, "they are m1, m2, l1, l2, g, theta1, theta2, theta1_dot and theta2_dot."),
         ({"l1": (1, "x")}, "a bound of the slider of l1"),
-        ({}, "no slider was asked for: give bounds such as explore(m1=(0, 2)), of m1, m2,"),
+        ({}, "no slider was asked for: give bounds such as explore(m1=(0, 2)), for one of m1, m2,"),
         ({"l1": (0, 0)}, "the slider of l1 goes from 0 to 0, and has no room to move: give a lower and an upper bound"),
         ({"l1": (3, 3)}, "such as (1.5, 6.0)."),
         ({"l1": (0, 1, 2)}, "the slider of l1 is (0, 1, 2): give its lower and its upper bound"),
