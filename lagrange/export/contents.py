@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.kernel.kernels import kernel, prepare
+from lagrange.algorithm.kernel.kernels import guarded, kernel, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.integrate import adaptive_run, one_step
@@ -23,8 +23,7 @@ from lagrange.graph import node
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, Array, Kind, Procedure
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.rewrite import Pruner, bound
 from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
@@ -419,34 +418,3 @@ def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
         for ref in entries.outputs
         if code[ref].op == "parameter" or ref in slots
     ]
-
-
-def results_of(quantity: Procedure) -> int:
-    """Return the number of entries that a quantity returns."""
-    (size,) = (p.type.size for p in quantity.parameters if p.name == "out" and isinstance(p.type, Array))
-    assert size is not None
-    return size
-
-
-def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return a quantity that also reports a singular matrix if a result is not finite and a divisor is zero.
-
-    Formulas are simplified, so they need not compute the divisors; `entries` computes them.
-    """
-    p = Builder(quantity.name, quantity.about)
-    t, y, numbers, out = (
-        p.given(each.name, each.type) for each in quantity.parameters if isinstance(each.type, (Kind, Array))
-    )
-    formulas = replace(quantity, name=f"{quantity.name}_formulas")
-    singular = p.variable(p.call(formulas, t, y, numbers, out), "singular")
-    zero_or_nan = p.variable(p.constant(0.0, REAL), "zero_or_nan")
-    with p.loop(0, results_of(quantity)) as k:
-        zero_or_nan.value = zero_or_nan.value + 0.0 * out[k]
-    with p.when(~zero_or_nan.value.equals(0.0), likely=False):
-        count = results_of(entries)
-        values = p.reserve(count, name="divisors")
-        p.call(entries, t, y, numbers, values)
-        with p.loop(0, count) as k:
-            singular.value = singular.value | values[k].equals(0.0)
-    p.leave(singular.value)
-    return p.finish(FLAG)

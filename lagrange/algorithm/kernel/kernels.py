@@ -10,14 +10,18 @@ Each returns whether a matrix is singular to round-off; its results are then inv
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import or_
+from typing import Any
 
 from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.form import FLAG, REAL, Array, Procedure
+from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.vocabulary import In, Out, generated, reals, unlikely
 from lagrange.program.program import Instruction, Program
 
 ZERO_CONSTANT = Instruction("constant")
@@ -125,3 +129,40 @@ def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: 
             place += 1
     p.leave(singular)
     return p.finish(FLAG)
+
+
+def results_of(quantity: Procedure) -> int:
+    """Return the number of entries that a quantity returns."""
+    (size,) = (p.type.size for p in quantity.parameters if p.name == "out" and isinstance(p.type, Array))
+    assert size is not None
+    return size
+
+
+def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
+    """Return a quantity that also reports a singular matrix if a result is not finite and a divisor is zero.
+
+    Formulas are simplified, so they need not compute the divisors; `entries` computes them.
+    """
+    formulas = replace(quantity, name=f"{quantity.name}_formulas")
+    return replace(guarded_quantity.form(formulas=formulas, entries=entries), name=quantity.name, about=quantity.about)
+
+
+def array_of(name: str) -> Callable[[Procedure], Any]:
+    """Return the type of a parameter of a quantity, as a function of its formulas."""
+    return lambda formulas: next(one.type for one in formulas.parameters if one.name == name)
+
+
+@procedure(y=array_of("y"), p=array_of("p"), out=array_of("out"))
+def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
+    """Write a quantity, and return whether a matrix is singular; see `guarded`."""
+    singular: bool = generated(formulas, t, y, p, out)
+    zero_or_nan = 0.0
+    for k in range(results_of(formulas)):
+        zero_or_nan += 0.0 * out[k]
+    if unlikely(zero_or_nan != 0.0):
+        divisors = reals(results_of(entries))
+        generated(entries, t, y, p, divisors)
+        for k in range(results_of(entries)):
+            divisor = divisors[k]
+            singular = singular or divisor == 0.0
+    return singular

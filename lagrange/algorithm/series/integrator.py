@@ -9,6 +9,7 @@ last state. PAUSED means that `max_steps` steps were taken.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,22 +17,23 @@ from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.projection import starts_on_constraints
+from lagrange.algorithm.projection import CORRECTIONS, starts_on_constraints
 from lagrange.algorithm.series.cost import cheapest_order, single_operations
 from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR
-from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.step.run import Counts, Run
 from lagrange.algorithm.taylor.constants import LEAST_MARGIN, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.algorithm.taylor.loop import taylor_steps
-from lagrange.algorithm.taylor.memory import HELD, OUTPUTS, TAYLOR, TaylorLayout
+from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, TaylorLayout, TaylorState
+from lagrange.algorithm.taylor.watching import Arguments
 from lagrange.errors import LagrangeError, StatementError
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.form import Array, Procedure
+from lagrange.procedure.front.plain import Bundle, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, generated, larger, reals
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Real, Whole
 from lagrange.program.series import SeriesProgram
 
 MOST_WRITTEN_OUT = 5000
@@ -132,67 +134,82 @@ class TaylorProcedures:
     def prepare(self, others: Procedure) -> Procedure:
         """Return the procedure that prepares the numbers of other functions, followed by those of the series."""
         first = replace(others, name=f"{others.name}_functions")
-        p = Builder(others.name, others.about)
-        parameters = p.array("parameters", size=self.numbers.given, read=True)
-        to = p.array("p", size=self.begin + self.numbers.size)
-        singular = p.call(first, parameters, to)
-        p.leave(singular | p.call(self.numbers.prepare(), to))
-        return p.finish(FLAG)
+        both = prepare_both.form(first=first, second=self.numbers.prepare())
+        return replace(both, name=others.name, about=others.about)
 
     def taylor(self) -> Procedure:
         """Return the procedure of the whole integrator."""
         jet, layout = self.jet
-        n = layout.dimension
-        p = Builder(
-            "taylor",
-            "Run from y at t[0] to t_end by Taylor series whose order follows rtol; both become those where it ends.",
-        )
-        time, t_end = p.array("t", size=1), p.given("t_end", REAL)
-        y, prepared = p.array("y", size=n), p.array("p", read=True)
-        rtol, atol, most = p.given("rtol", REAL), p.given("atol", REAL), p.given("max_steps", WHOLE)
-        if self.projection is not None:
-            start = starts_on_constraints.form(dimension=n, relations=self.relations)
-            near = bound(start, {"corrections": self.projection}, prefix="start_" if self.relations else "taylor_")
-            p.leave_if(~p.call(near, prepared, time[0], y), Outcome.UNPROJECTED)
-        work = p.reserve(layout.size(self.highest), room=WIDEST_VECTOR, name="work")
-        asked = p.choose(rtol < SMALLEST_RTOL, SMALLEST_RTOL, rtol).called("asked")
-        order = self.chosen(p, asked)
-        margin = p.choose(asked >= TIGHT_RTOL, p.real(STEP_MARGIN), LEAST_MARGIN).called("margin")
-        run, counts = self.begin_run(p, time[0], t_end, margin * asked)
-        taylor, held, outputs = (p.reserve_record(one) for one in (TAYLOR, HELD, OUTPUTS))
-        floors, floor = p.reserve(n, name="floors"), p.larger(margin * atol, LEAST_FLOOR)
-        with p.each(n, width=1) as i:
-            floors[i] = floor
-        p.copy(y, work, n, spill=False)
-        p.note("There are no output times, and no steps are recorded.")
-        times, none, rows = (p.reserve(1, name=name) for name in ("output_times", "times", "rows"))
-        states = p.reserve(n, name="output_states")
-        times[0] = math.nan
-        given = {"prepared": prepared, "constants": prepared, "run": run, "counts": counts, "taylor": taylor}
-        given |= {"floors": floors, "held": held, "outputs": outputs, "output_times": times, "output_states": states}
-        given |= {"times": none, "rows": rows, "budget": most, "work": work, "order": order}
-        given["projection_numbers"] = prepared
         functions = {"jet": jet} if self.projection is None else {"jet": jet, "projection": self.projection}
-        loop = bound(taylor_steps.form(layout=layout), functions, prefix="taylor_")
-        outcome = p.call(loop, *(given[one.name] for one in loop.parameters)).called("outcome")
-        time[0] = run.t
-        p.copy(work, y, n, spill=False)
-        p.leave(outcome)
-        return p.finish(WHOLE)
+        known = {"highest": self.highest, "steps_at_least": self.steps_at_least, "relations": self.relations}
+        form = taylor_run.form(layout=layout, orders=tuple(self.orders), **known)
+        return replace(bound(form, functions, prefix="taylor_"), name="taylor")
 
-    def begin_run(self, p: Builder, t0: Real, t1: Real, rtol: Real) -> tuple[Any, Any]:
-        """Return the records of a run."""
-        run: Any = p.reserve_record(RUN)
-        counts: Any = p.reserve_record(COUNTS)
-        run.t, run.start, run.end, run.rtol, run.previous = t0, t0, t1, rtol, 1.0
-        run.cause = float(Outcome.STEP_TOO_SMALL)
-        run.longest = abs(t1 - t0) / float(self.steps_at_least) if self.steps_at_least else math.inf
-        return run, counts
 
-    def chosen(self, p: Builder, rtol: Real) -> Whole:
-        """Build the order for a tolerance, by comparison with the tolerances at which the order changes."""
-        found: Whole = p.whole(self.orders[0][1])
-        for (_, before), (tolerance, order) in pairwise(self.orders):
-            found = found + p.whole(rtol < tolerance) * (order - before)
-        found.called("order")
-        return found
+@procedure(parameters=lambda first: first.parameters[0].type, p=lambda second: second.parameters[0].type)
+def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
+    """Prepare the numbers of two sets of functions, and say whether a matrix is singular."""
+    is_first_singular: bool = generated(first, parameters, p)
+    is_second_singular: bool = generated(second, p)
+    return is_first_singular or is_second_singular
+
+
+@dataclass(frozen=True)
+class SeriesFunctions:
+    """The functions of a run by series: the series itself, and the corrections of constraints or None."""
+
+    jet: Callable[..., bool]
+    projection: Any
+
+
+def series_functions(layout: TaylorLayout) -> Bundle:
+    """Return the type of the functions of a run."""
+    return Bundle(SeriesFunctions, {"jet": JET, "projection": CORRECTIONS if layout.projected else None})
+
+
+@procedure(of=series_functions, t=lambda: Array(size=1), y=lambda layout: Array(size=layout.dimension))
+def taylor_run(
+    of: SeriesFunctions,
+    t: Out,
+    t_end: float,
+    y: Out,
+    p: In,
+    rtol: float,
+    atol: float,
+    max_steps: int,
+    *,
+    layout: TaylorLayout,
+    orders: tuple[tuple[float, int], ...],
+    highest: int,
+    steps_at_least: int,
+    relations: bool,
+) -> Outcome:
+    """Run from y at t[0] to t_end by Taylor series whose order follows rtol; both become those where it ends."""
+    n, projection = layout.dimension, of.projection
+    if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
+        return Outcome.UNPROJECTED
+    work, floors, states = reals(layout.size(highest), room=WIDEST_VECTOR), reals(n), reals(n)
+    asked = SMALLEST_RTOL if rtol < SMALLEST_RTOL else rtol
+    # The order of the series, by the tolerances at which it changes.
+    order = orders[0][1]
+    for (_, before), (tolerance, after) in pairwise(orders):
+        order = order + int(asked < tolerance) * (after - before)
+    margin = STEP_MARGIN if asked >= TIGHT_RTOL else LEAST_MARGIN
+    run, counts, taylor, held, outputs = Run(), Counts(), TaylorState(), Held(), OutputCounts()
+    run.t, run.start, run.end, run.rtol, run.previous = t[0], t[0], t_end, margin * asked, 1.0
+    run.cause = float(Outcome.STEP_TOO_SMALL)
+    run.longest = abs(t_end - t[0]) / float(steps_at_least) if steps_at_least else math.inf
+    floor = larger(margin * atol, LEAST_FLOOR)
+    for i in each(n, width=1):
+        floors[i] = floor
+    work[:n] = y[:n]
+    # There are no output times, and no steps are recorded.
+    output_times, times, rows = reals(1), reals(1), reals(1)
+    output_times[0] = math.nan
+    arrays = floors, held, outputs, output_times, states, times, rows
+    numbers = None if projection is None else p
+    given = Arguments(of.jet, p, p, run, counts, taylor, *arrays, None, projection, numbers, work, order)
+    outcome = taylor_steps(given, max_steps, layout=layout)
+    t[0] = run.t
+    y[:n] = work[:n]
+    return outcome

@@ -61,7 +61,7 @@ class SeriesNumbers:
         """Return the procedure that writes the numbers after the parameters, in the same array."""
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
-        held = p.array("p")
+        held = p.array("p", size=self.begin + self.size)
         constants = Body(p, program.constants, Inputs(held, {}))
         constants.run(range(len(program.constants.instructions)))
         found = [p.real(constants.value(ref)) for ref in program.constants.outputs]
