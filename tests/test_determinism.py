@@ -15,9 +15,11 @@ import pytest
 from sympy import Abs, Max, Min, Piecewise, cos
 
 import lagrange as lg
+from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.kernel.llvm_module import KernelCode
-from lagrange.machine.steps.llvm_driver import driver_ir
+from lagrange.machine.llvm.called import called_ir
+from lagrange.machine.llvm_machine import loop_layout
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
@@ -45,7 +47,11 @@ def drivers() -> dict[str, str]:
     verlet = Verlet()
     steps = {"rk4": step_of(RK4().tableau), "dop853": step_of(DOP853().tableau)}
     steps["verlet"] = splitting_step("verlet", verlet.stages)
-    return {f"{name} driver": driver_ir(step, dimension) for name, step in steps.items() for dimension in (4, 40)}
+    return {
+        f"{name} driver": called_ir(steps_of(loop_layout(step, dimension)))
+        for name, step in steps.items()
+        for dimension in (4, 40)
+    }
 
 
 def digests(count: int) -> dict[str, str]:

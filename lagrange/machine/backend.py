@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
@@ -68,6 +69,43 @@ class Kernel(Protocol):
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
+
+
+class Callback(NamedTuple):
+    """A kernel as a function that procedures call: its address or the Python function, and its prepared parameters."""
+
+    function: Any
+    numbers: FloatArray
+
+
+class BoundCall(Protocol):
+    """Memory for the arguments of a procedure, and calls with them."""
+
+    @property
+    def is_final(self) -> bool:
+        """True if the code is not compiled again."""
+
+    def give(self, **arguments: Any) -> None:
+        """Set arguments by name. Arrays and records are shared, None stands for no array and no function.
+
+        Names that the procedure does not have are ignored.
+        """
+
+    def __call__(self) -> Any:
+        """Return None, a value or a tuple of values."""
+
+    def count(self, steps: int) -> bool:
+        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+
+
+class LoadedProcedure(Protocol):
+    """A procedure that a machine has loaded."""
+
+    def __call__(self, *args: Any) -> Any:
+        """Return None, a value or a tuple of values, for arguments in the order of the parameters."""
+
+    def bound(self) -> BoundCall:
+        """Return memory for the arguments of calls."""
 
 
 class Driver(Protocol):
@@ -191,10 +229,19 @@ class Machine(Protocol):
         `projection` is the kernel of the corrections of a state, for systems with constraints.
         """
 
-    def called(self, procedure: Procedure) -> Callable[..., Any]:
-        """Return a procedure as a Python function of numbers and arrays.
+    def called(self, procedure: Procedure) -> LoadedProcedure:
+        """Load a procedure, once per process."""
 
-        It returns None, a value or a tuple of values.
+    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
+        """Load the loop over the steps of a step program for a law of `states` entries, and return its layout.
+
+        With `projected` the states satisfy constraints.
+        """
+
+    def callback(self, kernel: Any, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
+        """Return a kernel as a function between arrays; `of_steps` as the loop over steps calls its law.
+
+        Raises SingularMassMatrix.
         """
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:

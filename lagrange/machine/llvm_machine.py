@@ -5,27 +5,32 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.members.queue import LANE
+from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
-from lagrange.machine.backend import DensePath, FloatArray, SingularMassMatrix
+from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmStepDense
 from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.kernel.llvm_module import STORED_TOGETHER, fit
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.processor import lanes, processor
-from lagrange.machine.series.llvm_driver import LlvmSeries
-from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.machine.series.llvm_series import LlvmSeries
+from lagrange.machine.steps.driver import StepDriver
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
 from lagrange.procedure.spread import COMMON, OWN
+from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
@@ -58,6 +63,19 @@ class MembersCode:
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 
 
+def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
+    """Return the layout of the vectors of a step, in whole blocks."""
+    small = fit(dimension) and not LAWS[step.law].through_memory
+    return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
+
+
+@lru_cache(maxsize=64)
+def compiled_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[CompiledProcedure, Layout]:
+    """Return the loop over steps and its layout."""
+    layout = loop_layout(step, dimension, projected=projected)
+    return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
+
+
 @dataclass(frozen=True)
 class LlvmMachine:
     """Compiles programs to machine code of this processor."""
@@ -82,9 +100,17 @@ class LlvmMachine:
         parameters: FloatArray,
         jacobian: LlvmKernel | None = None,
         projection: LlvmKernel | None = None,
-    ) -> LlvmDriver:
-        """Compile the loop over steps, or take it from the cache, which models of the same dimension share."""
-        return LlvmDriver(step, kernel, parameters, jacobian, projection)
+    ) -> StepDriver:
+        """Return a driver whose loop over steps is compiled once for all models of the same dimension."""
+        return StepDriver(self, step, kernel, parameters, jacobian, projection)
+
+    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
+        """Compile the loop over steps, quickly at first."""
+        return compiled_loop(step, LAWS[step.law].dimension(states), projected)
+
+    def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
+        """Return the address of a kernel; steps of small states call it in registers."""
+        return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
         """Compile a procedure, once per process."""
@@ -107,7 +133,7 @@ class LlvmMachine:
 
     def event_steps(
         self,
-        driver: LlvmDriver,
+        driver: StepDriver,
         events: Program,
         resets: Program | None,
         parameters: FloatArray,

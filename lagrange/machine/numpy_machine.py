@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
 
 from lagrange.algorithm.dense.block import StepPolynomial
-from lagrange.machine.backend import DensePath, FloatArray, Kernel
+from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.memory import Layout
+from lagrange.machine.backend import Callback, DensePath, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyStepDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.straight_lines import fits
-from lagrange.machine.printed_run import called
-from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.steps.interpreted_driver import NumpyDriver
+from lagrange.machine.printed_run import PrintedProcedure, between_arrays, called
+from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.steps.driver import StepDriver
 from lagrange.procedure.form import Procedure
+from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
+
+
+@lru_cache(maxsize=64)
+def printed_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[PrintedProcedure, Layout]:
+    """Return the loop over steps and its layout, whose vectors are not padded."""
+    layout = Layout(step, dimension, block=1, projected=projected)
+    return PrintedProcedure(steps_of(layout)), layout
 
 
 @dataclass(frozen=True)
@@ -42,12 +51,20 @@ class NumpyMachine:
         parameters: FloatArray,
         jacobian: Kernel | None = None,
         projection: Kernel | None = None,
-    ) -> NumpyDriver:
+    ) -> StepDriver:
         """Return a driver that takes each step in Python."""
-        return NumpyDriver(step, kernel, parameters, jacobian, projection)
+        return StepDriver(self, step, kernel, parameters, jacobian, projection)
 
-    def called(self, procedure: Procedure) -> Callable[..., Any]:
-        """Return a procedure printed as Python, cached for the process."""
+    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
+        """Print the loop over steps, once per process."""
+        return printed_loop(step, LAWS[step.law].dimension(states), projected)
+
+    def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
+        """Return a kernel as a Python function, which reads its parameters from an array."""
+        return Callback(between_arrays(kernel), parameters)
+
+    def called(self, procedure: Procedure) -> PrintedProcedure:
+        """Print a procedure as Python, once per process."""
         return called(procedure)
 
     @property
@@ -66,7 +83,7 @@ class NumpyMachine:
 
     def event_steps(
         self,
-        driver: NumpyDriver,
+        driver: StepDriver,
         events: Program,
         resets: Program | None,
         parameters: FloatArray,

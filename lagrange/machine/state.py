@@ -124,6 +124,11 @@ class DriverState:
         self.fault: Any = None
         self.kept = 0
 
+    def records(self) -> dict[str, Any]:
+        """Return the arguments of procedures that advance the run: its numbers, its counts, and its floors."""
+        run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
+        return {"run": run, "counts": counts, "floors": self.floors}
+
     def restart(
         self,
         first: NDArray[np.float64],

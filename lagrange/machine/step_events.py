@@ -38,13 +38,13 @@ class Reaction(NamedTuple):
 
 
 class StepFunction(NamedTuple):
-    """A compiled function that takes steps, as `STEPS` describes: its address and its first argument, the `laws`.
+    """A compiled function that takes steps, as `TAKE_STEPS` describes: its address and its first argument, `words`.
 
     `work` is its working array, in which the state is at the indices `entries`.
     """
 
     address: int
-    laws: WholeArray
+    words: WholeArray
     work: FloatArray
     entries: WholeArray
 

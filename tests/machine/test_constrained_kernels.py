@@ -20,8 +20,8 @@ from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm import procedures
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.lower import lower
 from lagrange.program.program import Program, SolveGroup, scheduled
 from lagrange.program.taylor import series_program

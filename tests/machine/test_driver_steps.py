@@ -18,9 +18,9 @@ import sympy as sp
 from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.compiler import compile_model, machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.llvm_machine import loop_layout
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.steps.llvm_driver import laid_out
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.library import load
@@ -235,7 +235,7 @@ def four_bar() -> Model:
 def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str) -> None:
     """Six entries in blocks of four: norms are taken of whole blocks, so what stands behind the entries must be 0."""
     beside = Compiled(name, four_bar(), 0.01)
-    layout = laid_out(beside.step, 6, projected=True)
+    layout = loop_layout(beside.step, 6, projected=True)
     for _ in range(5):
         beside.take()
         for vector in range(layout.errors + len(layout.step.errors)):

@@ -25,8 +25,8 @@ from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.catalogue import program_of
 from lagrange.program.taylor import series_program
 from tests.models import shared_scene

@@ -22,10 +22,10 @@ from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_driver, interpreted_jet, llvm_driver
-from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series import interpreted_jet, interpreted_series, llvm_series
 from lagrange.machine.series.interpreted_jet import Jet
-from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program
@@ -327,7 +327,7 @@ def test_a_linear_solver_is_compiled_for_a_jet_that_calls_it(
     asked: list[str] = []
 
     def counted(which: str) -> Any:
-        real = getattr(llvm_driver, which)
+        real = getattr(llvm_series, which)
 
         def compile_it(**how: bool) -> Any:
             asked.append(which)
@@ -336,7 +336,7 @@ def test_a_linear_solver_is_compiled_for_a_jet_that_calls_it(
         return compile_it
 
     for which in ("linear_solver", "inversion"):
-        monkeypatch.setattr(llvm_driver, which, counted(which))
+        monkeypatch.setattr(llvm_series, which, counted(which))
     statement = chain(13) if name == "chain of 13" else SYSTEMS[name]()
     program = series_program(euler_lagrange(statement))[0]
     ir = CompiledJet(pack(program, 4), order).ir
@@ -395,7 +395,7 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
         made.append(args)
         return Jet(*args)
 
-    monkeypatch.setattr(interpreted_driver, "Jet", counted)
+    monkeypatch.setattr(interpreted_series, "Jet", counted)
     statement, program = stated_series("elastic pendulum")
     values, state = np.array([statement.defaults[p] for p in statement.parameters]), np.array(statement.initial)
     series, given = NumpySeries(program), values.copy()

@@ -19,14 +19,15 @@ import lagrange as lg
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine import llvm_machine
 from lagrange.machine.llvm import engine, tiers
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.object_code import ObjectCode
-from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries, LlvmTaylorDriver
+from lagrange.machine.series.driver import SeriesDriver
+from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries
 from lagrange.machine.series.llvm_steps import _events, compiled_steps
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.steps import llvm_driver
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -121,7 +122,7 @@ def drivers(name: str, order: int) -> tuple[Statement, list[Any]]:
     compiled = [CompiledJet(pack(program, lanes), which) for lanes, which in ((8, order), (1, order), (4, 0))]
     return statement, [
         NumpySeries(program).driver(order, given),
-        *(LlvmTaylorDriver(jet, order, given) for jet in compiled),
+        *(SeriesDriver(jet, order, given) for jet in compiled),
     ]
 
 
@@ -253,12 +254,12 @@ RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01
 def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first run is of quick code, the second one passes the number of steps, and the third is of the other code."""
     compiled_steps.cache_clear()
-    llvm_driver._compiled.cache_clear()
+    llvm_machine.compiled_loop.cache_clear()
     model = unit_pendulum().compile(check=False)
     first = ran(model, method, **RUNS[method])
     monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 1)
     compiled_steps.cache_clear()
-    llvm_driver._compiled.cache_clear()
+    llvm_machine.compiled_loop.cache_clear()
     fresh = unit_pendulum().compile(check=False)
     assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
 

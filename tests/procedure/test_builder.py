@@ -33,7 +33,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export.contents import ExportContents, module_of
 from lagrange.machine.python_source import loaded, source
-from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
     CONSTANT,

@@ -34,29 +34,29 @@ class Compared:
 
     def __init__(self, procedure: Procedure) -> None:
         self.code: CompiledProcedure = compiled(procedure)
+        self.call = self.code.bound()
         self.procedure = procedure
         self.given: dict[str, Any] = {}
         self.codes: list[int] = []
         self.jumps = 0
 
-    def words(self) -> Any:
-        return self.code.words()
+    def bound(self) -> Compared:
+        return self
 
-    def give(self, words: Any, arguments: dict[str, Any]) -> None:
-        self.code.give(words, arguments)
+    def give(self, **arguments: Any) -> None:
+        self.call.give(**arguments)
         self.given |= arguments
 
-    def run_on(self, words: Any) -> Any:
+    def __call__(self) -> Any:
         types = [parameter.type for parameter in self.procedure.parameters]
         args = [self.given[name] for name in self.code.places]
-        args = [record(kind, arg) if isinstance(kind, Record) else arg for kind, arg in zip(types, args, strict=True)]
         before = [copied(arg) for arg in args]
         expected = interpret(self.procedure, *map(handed_over, types, args))
         after = [copied(arg) for arg in args]
         for arg, old in zip(args, before, strict=True):
             put_back(arg, old)
-        found = self.code.run_on(words)
-        assert found == tuple(expected)
+        found = self.call()
+        assert [found] == list(expected)
         run, review = (self.given_record(name, args) for name in ("event_run", "review"))
         sizes = {"which": review.found, "when": review.found, "there": review.found}
         sizes |= {"break_rows": run.breaks, "break_times": run.breaks}
@@ -66,17 +66,12 @@ class Compared:
                 assert np.array_equal(args[place][:count], after[place][:count], equal_nan=True), name
             elif isinstance(types[place], Record):
                 assert fields(args[place]) == fields(after[place]), name
-        self.codes.append(found[0])
+        self.codes.append(found)
         self.jumps = run.jumps
         return found
 
     def given_record(self, name: str, args: list[Any]) -> Any:
         return args[self.code.places[name]]
-
-
-def record(kind: Record, place: int) -> Any:
-    """Return a record that stands at an address."""
-    return kind.structure.from_address(place)
 
 
 def fields(one: Any) -> list[Any]:

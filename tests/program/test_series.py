@@ -21,8 +21,8 @@ from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
+from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.program import ProgramBlock
 from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder

@@ -11,8 +11,10 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.steps.llvm_driver import driver_ir
+from lagrange.machine.llvm.called import called_ir
+from lagrange.machine.llvm_machine import loop_layout
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import UNPROJECTED
 from lagrange.trajectory.methods.explicit import RungeKutta
@@ -244,8 +246,8 @@ def test_a_state_too_far_away_to_be_projected_ends_the_run_in_words(target: str)
 def test_steps_of_a_system_without_constraints_know_nothing_of_projections() -> None:
     for name in ("rk4", "dop853", "radau5"):
         program: Any = find(name)
-        assert "project" not in driver_ir(program.program, 4)
-        assert "project" in driver_ir(program.program, 4, projected=True)
+        assert "project" not in called_ir(steps_of(loop_layout(program.program, 4)))
+        assert "project" in called_ir(steps_of(loop_layout(program.program, 4, projected=True)))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import sympy as sp
 
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem

@@ -15,7 +15,7 @@ from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, lambdify, sign
 from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.state import DriverState
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event

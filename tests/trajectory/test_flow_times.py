@@ -9,7 +9,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.machine.series.llvm_driver import LlvmTaylorDriver
+from lagrange.machine.series.driver import SeriesDriver
 from tests.models import shared_scene
 
 SETTINGS: dict[str, dict[str, Any]] = {"taylor": {}, "dop853": {}, "rk4": {"step": 1e-3}}
@@ -38,14 +38,14 @@ def test_one_time_at_the_start_and_none_are_shapes_too() -> None:
 
 def test_times_on_the_way_take_no_steps_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     model = shared_scene("kepler").compile(check=False)
-    flow, advance = lg.flow(model), LlvmTaylorDriver.advance
+    flow, advance = lg.flow(model), SeriesDriver.advance
     calls: list[int] = []
 
     def counted(driver: Any, state: Any, budget: int, *rows: Any) -> Any:
         calls.append(budget)
         return advance(driver, state, budget, *rows)
 
-    monkeypatch.setattr(LlvmTaylorDriver, "advance", counted)
+    monkeypatch.setattr(SeriesDriver, "advance", counted)
     flow(np.array(model.statement.initial), 0.0, np.linspace(0.0, 1.0, 101))
     assert len(calls) == 1
 

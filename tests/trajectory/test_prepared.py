@@ -19,7 +19,7 @@ from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.model import Model
 from lagrange.machine.state import Outcome
-from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.machine.steps.driver import StepDriver
 from lagrange.statement import run_settings as preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
@@ -288,13 +288,13 @@ def test_a_run_of_quick_steps_comes_back_seldom(
     model = shared_scene("pendulum").compile()
     lg.integrate(model, (0.0, 0.1), method="rk4", step=0.01)
     asked: list[int] = []
-    advance = LlvmDriver.advance
+    advance = StepDriver.advance
 
     def counted(self: Any, state: Any, budget: int, *rest: Any) -> Any:
         asked.append(budget)
         return advance(self, state, budget, *rest)
 
-    monkeypatch.setattr(LlvmDriver, "advance", counted)
+    monkeypatch.setattr(StepDriver, "advance", counted)
     monkeypatch.setattr(run_loop, "SECONDS_PER_CALL", seconds)
     assert lg.integrate(model, (0.0, 10.0), method="rk4", step=0.01).steps == 1000
     assert asked == calls

@@ -15,7 +15,7 @@ import sympy as sp
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.events.llvm_event_steps import STANDING
 from lagrange.machine.model import Model
-from lagrange.machine.series.llvm_driver import WATCHED as WATCHED_ARRAYS
+from lagrange.machine.series.driver import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.state import NO_OUTPUTS
 from lagrange.machine.step_events import StepEventMemory
 from lagrange.statement.event import event

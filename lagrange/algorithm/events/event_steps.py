@@ -43,7 +43,7 @@ from lagrange.procedure.front.vocabulary import (
     unlikely,
 )
 
-TAKE_STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
+TAKE_STEPS = Callee((Array(WHOLE), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
 """Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine has prepared, the
 reals and counts of the run, work memory, the number of trial steps, and the arrays for times and states.
 """
@@ -166,7 +166,7 @@ class Waiting:
     """Steps of a run that are not reviewed yet, the driver that takes steps, and the arrays for accepted rows.
 
     The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive`, of type
-    `TAKE_STEPS`, takes steps; `laws` is its first argument. `reals` are the reals of the run followed by its floors,
+    `TAKE_STEPS`, takes steps; `words` is its first argument. `reals` are the reals of the run followed by its floors,
     and `counts` its counts; `kept_reals` and `kept_counts` are their values before the steps. The driver has the state
     `y` at the indices `entries` of its memory.
     """
@@ -176,7 +176,7 @@ class Waiting:
     times: Out
     states: Out
     drive: Callable[..., Any]
-    laws: WholesIn
+    words: WholesOut
     reals: Out
     counts: WholesOut
     kept_reals: Out
@@ -230,7 +230,7 @@ class Waiting:
     def try_steps(self, tries: int) -> int:
         """Try `tries` steps, and return their `Outcome`."""
         self.event_run.left -= tries
-        given = self.laws, self.reals, self.counts, self.driver_work
+        given = self.words, self.reals, self.counts, self.driver_work
         outcome: int = self.drive(*given, tries, self.times[2:], self.row(2))
         return outcome
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -31,9 +30,8 @@ STANDING = (
 class SteppingDriver(Protocol):
     """Protocol of a driver in machine code whose step function another compiled loop calls."""
 
-    @property
-    def function(self) -> StepFunction:
-        """The compiled function that takes the driver's steps."""
+    def function(self, state: DriverState) -> StepFunction:
+        """Return the compiled function that takes the driver's steps of a state."""
 
     def count(self, steps: int) -> None:
         """Count accepted steps. After many steps the code is compiled again with optimization."""
@@ -89,9 +87,8 @@ class LlvmEventSteps:
             "work": workspace(work_size(n, count)),
             "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
         }
-        self._code, self._kept = compiled(event_steps.form()), given
-        self._words = self._code.words()
-        self._code.give(self._words, given)
+        self._call = compiled(event_steps.form()).bound()
+        self._call.give(**given)
         self._memory: StepEventMemory | None = None
         self._function: StepFunction | None = None
         self._state: DriverState | None = None
@@ -100,16 +97,15 @@ class LlvmEventSteps:
         """Advance a run as `EventSteps` describes, and return the code of the reason for the return."""
         if memory is not self._memory:
             self._memory = memory
-            self._code.give(self._words, _of_memory(memory))
-        function = self._driver.function
+            self._call.give(**_of_memory(memory))
+        function = self._driver.function(state)
         if function is not self._function or state is not self._state:
             self._function, self._state = function, state
-            run: dict[str, Any] = {"drive": function.address, "laws": function.laws, "entries": function.entries}
-            run |= {"driver_work": function.work, "reals": state.reals, "counts": state.counts, "y": state.y}
-            self._code.give(self._words, run)
-        self._code.give(self._words, {"row_times": times, "row_states": rows})
+            self._call.give(drive=function.address, words=function.words, entries=function.entries)
+            self._call.give(driver_work=function.work, reals=state.reals, counts=state.counts, y=state.y)
+        self._call.give(row_times=times, row_states=rows)
         before = state.integers[DriverState.STEPS]
-        (code,) = self._code.run_on(self._words)
+        code = self._call()
         self._driver.count(max(0, state.integers[DriverState.STEPS] - before))
         return int(code)
 
@@ -117,7 +113,7 @@ class LlvmEventSteps:
 def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
     """Return the arguments of the loop that are arrays and records of the run's memory."""
     arrays = {name: getattr(memory, name) for name in STANDING}
-    return {**arrays, "review": ctypes.addressof(memory.review), "event_run": ctypes.addressof(memory.run)}
+    return {**arrays, "review": memory.review, "event_run": memory.run}
 
 
 @lru_cache(maxsize=64)

@@ -6,70 +6,137 @@ An ordinary call through ctypes takes 0.1 us for each argument, and cannot retur
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import KINDS, argument_type, result_type, separated
-from lagrange.machine.llvm.procedures import function, joined
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.machine.llvm.procedures import declaration, function, joined
+from lagrange.machine.llvm.tiers import TieredModule
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, calls
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
+STEPS = ("budget", "times", "rows")
+"""Names of the last parameters of loops over steps; see `CompiledProcedure.steps`."""
+
 
 class CompiledProcedure(Shared):
-    """A procedure in machine code, called with numbers, arrays, and addresses of functions or memory."""
+    """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
-    def __init__(self, procedure: Procedure) -> None:
+    With `tiers` it is compiled again after many steps, with LLVM's loop passes if `optimize`. Callees in `elsewhere`
+    are in other modules, which `needs` compiles.
+    """
+
+    def __init__(
+        self,
+        procedure: Procedure,
+        *,
+        tiers: bool = False,
+        optimize: bool = False,
+        elsewhere: Sequence[Procedure] = (),
+        needs: Callable[..., None] | None = None,
+    ) -> None:
         kinds = [parameter.type for parameter in procedure.parameters]
         self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
-        self._reals = frozenset(place for place, kind in enumerate(kinds) if kind is REAL)
-        self._results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
-        self.size = len(kinds) + len(procedure.results)
-        self.module = Module(called_ir(procedure), merge=True)
-        self.run = _CALL(self.module.address("run"))
+        self.reals = frozenset(parameter.name for parameter in procedure.parameters if parameter.type is REAL)
+        self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
+        text = called_ir(procedure, elsewhere)
+        passes = {"optimize": optimize, "merge": not optimize}
+        self.module = TieredModule(text, "run", needs=needs, **passes) if tiers else Module(text, **passes)
+
+    @property
+    def run(self) -> Any:
+        """The function of one argument, the address of the arguments. It changes when code is compiled again."""
+        return _CALL(self.module.address if isinstance(self.module, TieredModule) else self.module.address("run"))
+
+    @property
+    def steps(self) -> int:
+        """Address of the function with which another compiled loop takes steps; see `_steps`."""
+        module = self.module
+        return module.address_of("steps") if isinstance(module, TieredModule) else module.address("steps")
+
+    def bound(self) -> CompiledCall:
+        """Return memory for the arguments of calls."""
+        return CompiledCall(self)
 
     def __call__(self, *args: Any) -> Any:
         """Run the procedure; return None, a value or a tuple of values, as the procedure printed in Python does.
 
         Arguments are in the order of the parameters. Arrays must be contiguous and of the parameter's type.
         """
-        words = self.words()
-        self.give(words, dict(zip(self.places, args, strict=True)))
-        found = self.run_on(words)
-        return found[0] if len(found) == 1 else found or None
+        call = self.bound()
+        call.give(**dict(zip(self.places, args, strict=True)))
+        return call()
 
-    def words(self) -> NDArray[np.int64]:
-        """Return a block of memory for the arguments and results of a call, 8 bytes each."""
-        return np.zeros(self.size, dtype=np.int64)
 
-    def give(self, words: NDArray[np.int64], arguments: Mapping[str, Any]) -> None:
-        """Write arguments, given by name, into `words`. Arrays are written as addresses and must stay referenced."""
-        numbers = words.view(np.float64)
+class CompiledCall:
+    """Arguments of a compiled procedure, which are set by name, and calls with them."""
+
+    def __init__(self, code: CompiledProcedure) -> None:
+        self.code, self._run = code, code.run
+        self.words = np.zeros(len(code.places) + len(code.results), dtype=np.int64)
+        self._wholes: Any = self.words.data
+        self._reals: Any = self.words.view(np.float64).data
+        self._address = address(self.words)
+        self._kept: dict[str, Any] = {}
+        kinds = [kind for _, kind in code.results]
+        self._only_whole = code.results[0][0] if kinds == [WHOLE] else None
+        """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
+        self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
+
+    def give(self, **arguments: Any) -> None:
+        """Set arguments by name. Arrays and records are shared, None stands for no array and no function."""
+        places, reals, kept, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
-            place = self.places[name]
-            if place in self._reals:
-                numbers[place] = value
-            else:
-                words[place] = address(value) if isinstance(value, np.ndarray) else value
+            if name in reals:
+                self._reals[places[name]] = value
+            elif name in places:
+                kept[name], words[places[name]] = value, _word(value)
 
-    def run_on(self, words: NDArray[np.int64]) -> tuple[Any, ...]:
-        """Run the procedure on the arguments in `words`, and return its results."""
-        self.run(address(words))
-        return self.results(words)
+    def __call__(self) -> Any:
+        """Return None, a value or a tuple of values."""
+        self._run(self._address)
+        if self._only_whole is not None:
+            return self._wholes[self._only_whole]
+        results = [self._result(place, kind) for place, kind in self.code.results]
+        return results[0] if len(results) == 1 else tuple(results) or None
 
-    def results(self, words: Any) -> tuple[Any, ...]:
-        """Return the results, which follow the arguments in `words` after a run."""
-        reals = words.view(np.float64)
-        found: Sequence[Any] = [(reals if kind is REAL else words)[place].item() for place, kind in self._results]
-        return tuple(bool(one) if kind is FLAG else one for one, (_, kind) in zip(found, self._results, strict=True))
+    def _result(self, place: int, kind: Any) -> Any:
+        """Return a result from its word."""
+        if kind is REAL:
+            return self._reals[place]
+        return bool(self._wholes[place]) if kind is FLAG else self._wholes[place]
+
+    @property
+    def is_final(self) -> bool:
+        """True if the code is not compiled again."""
+        return not self._quick
+
+    def count(self, steps: int) -> bool:
+        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+        tiers = self.code.module
+        if not self._quick or not isinstance(tiers, TieredModule):
+            return False
+        tiers.count(steps)
+        if tiers.is_final:
+            self._run, self._quick = self.code.run, False
+        return tiers.is_final
+
+
+def _word(value: Any) -> int:
+    """Return the word of an argument in memory: an address, a whole number, or 0 for None."""
+    if isinstance(value, np.ndarray):
+        return address(value)
+    if isinstance(value, ctypes.Structure):
+        return ctypes.addressof(value)
+    return 0 if value is None else int(value)
 
 
 @lru_cache(maxsize=64)
@@ -78,11 +145,44 @@ def compiled(procedure: Procedure) -> CompiledProcedure:
     return CompiledProcedure(procedure)
 
 
-def called_ir(procedure: Procedure) -> str:
-    """Return the IR of a procedure called as run(ptr words). Callees are inlined unless they are marked `apart`."""
-    functions = [function(one, hidden=True, merged=not one.apart) for one in procedure.callees]
-    functions.append(function(procedure, hidden=True))
-    return joined([*functions, _run(procedure)])
+def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
+    """Return the IR of a procedure called as run(ptr words), without the callees that are `elsewhere`.
+
+    Callees are inlined unless they are marked `apart`. A loop over steps has a second function; see `_steps`.
+    """
+    callees = transitive_callees([procedure], elsewhere)
+    functions = [function(one, hidden=True, merged=not (one is procedure or one.apart)) for one in callees]
+    functions.append(_run(procedure))
+    if [one.name for one in procedure.parameters][-len(STEPS) :] == list(STEPS):
+        functions.append(_steps(procedure))
+    return joined(functions, [declaration(one) for one in elsewhere])
+
+
+def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
+    """Return procedures and their callees, callees first, without those that only procedures `elsewhere` call."""
+    found: dict[Procedure, None] = {}
+    for procedure in procedures:
+        called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
+        found |= dict.fromkeys(transitive_callees([one for one in called if one not in elsewhere], elsewhere))
+        found[procedure] = None
+    return list(found)
+
+
+def _steps(procedure: Procedure) -> str:
+    """Return the IR of the function `steps`, with which another compiled loop takes steps; see `TAKE_STEPS`.
+
+    Its first argument are the words of the call. The next three are arrays that the words have addresses of: so LLVM
+    knows in the caller that the steps change them.
+    """
+    e = Emitter()
+    places = {one.name: place for place, one in enumerate(procedure.parameters)}
+    for name in STEPS:
+        e.put(f"%{name}", "%words", places[name], "i64" if name == "budget" else "ptr")
+    e.do("call void @run(ptr %words)")
+    e.do(f"ret i64 {e.get('%words', len(places), 'i64')}")
+    return e.function(
+        "define i64 @steps(ptr %words, ptr %reals, ptr %counts, ptr %work, i64 %budget, ptr %times, ptr %rows)"
+    )
 
 
 def _run(procedure: Procedure) -> str:

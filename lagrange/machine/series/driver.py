@@ -1,0 +1,166 @@
+"""The driver of Taylor steps on every machine: calls of the compiled or printed loop over steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from lagrange.algorithm.taylor.memory import HELD, TaylorLayout
+from lagrange.machine.backend import Callback, FloatArray, Kernel, LoadedProcedure
+from lagrange.machine.event_memory import EventMemory, idle
+from lagrange.machine.llvm.address import workspace
+from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
+
+WATCHED = (
+    *((name, name) for name in ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")),
+    *((name, name) for name in ("scratch", "whole_scratch")),
+    *((f"event_{name}", name) for name in ("times", "states", "places")),
+)
+"""The arrays of an `EventMemory`: the name of each as an argument of the loop, and as an attribute."""
+
+
+class SeriesCode(Protocol):
+    """A series at one order on a machine, with the loop over its steps."""
+
+    program: SeriesProgram
+
+    @property
+    def layout(self) -> TaylorLayout:
+        """The layout of the series."""
+
+    @property
+    def function(self) -> Any:
+        """The function that computes the series, as procedures call it; see `JET`."""
+
+    @property
+    def loop(self) -> LoadedProcedure:
+        """The loop over steps; see `taylor_steps`."""
+
+    def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
+        """Return the prepared numbers, the constants and the numbers of the event functions in one array.
+
+        Also return the length of each of the three parts. Raises SingularMassMatrix.
+        """
+
+    @property
+    def is_final(self) -> bool:
+        """True if the code of the series is not compiled again."""
+
+    def count(self, steps: int) -> bool:
+        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+
+    def load(self, program: Program) -> Kernel:
+        """Return the kernel of a program."""
+
+    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
+        """Return a kernel as a function between arrays."""
+
+
+class SeriesDriver:
+    """Advances a run by Taylor steps; see `TaylorDriver`."""
+
+    def __init__(self, code: SeriesCode, order: int, parameters: FloatArray) -> None:
+        self._code, self._call = code, code.loop.bound()
+        self._work = workspace(code.layout.size(order))
+        self._y = self._work[: code.layout.dimension]
+        self._call.give(jet=code.function, work=self._work, held=HELD.structure(), order=order)
+        self._budget: int | None = None
+        """The budget of calls without rows."""
+        self._is_final = False
+        self._state: DriverState | None = None
+        self._output_record: Any = None
+        self._memory: EventMemory | None = None
+        self._numbers: FloatArray | None = None
+        projection = code.program.projection
+        self._projection = None if projection is None else code.load(projection)
+        self._parameters = parameters
+        if not code.layout.watched:
+            self.use(parameters)
+
+    def use(self, parameters: FloatArray) -> None:
+        """Use other values of the parameters and sides; see `TaylorDriver`."""
+        self._parameters, memory, code = parameters, self._memory, self._code
+        if self._projection is not None:
+            made = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
+            self._call.give(projection=made.function, projection_numbers=made.numbers)
+        numbers, sizes = code.joined(parameters, None if memory is None else memory.values)
+        if memory is None or not memory.surfaces:
+            if memory is not None:
+                memory.hold(parameters[:0], 0)
+            self._numbers = numbers
+            self._point(numbers, sizes)
+            return
+        place = memory.hold(parameters[len(parameters) - memory.surfaces :], len(numbers))
+        if self._numbers is None:
+            self._numbers = np.zeros(len(numbers) * (1 + len(memory.combinations)))
+            self._point(self._numbers, sizes)
+        self._numbers[place : place + len(numbers)] = numbers
+
+    def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
+        """Set the three parts of the array of numbers, from their lengths."""
+        begin = 0
+        for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
+            self._call.give(**{name: numbers[begin:]})
+            begin += size
+
+    def watch(self, memory: EventMemory) -> None:
+        """Set event functions, surfaces and resets; see `TaylorDriver`."""
+        self._memory, self._numbers, code = memory, None, self._code
+        self._call.give(watch=memory.record, sizes=code.layout.sizes)
+        self._call.give(**{name: getattr(memory, attribute) for name, attribute in WATCHED})
+        if memory.values is not None:
+            self._call.give(values=code.callback(memory.values, self._parameters).function)
+        self.use(self._parameters)
+        if memory.resets is not None:
+            self._resets = code.load(memory.resets.program)
+            made = code.callback(self._resets, memory.parameters)
+            self._call.give(resets=made.function, reset_numbers=made.numbers)
+
+    def restart(self, state: DriverState) -> None:
+        """Clear the rounding errors carried from step to step; see `TaylorDriver`."""
+        layout = self._code.layout
+        self._work[layout.lost : layout.lost + layout.padded] = 0.0
+        state.taylor.low = 0.0
+
+    def adopt(self, state: DriverState) -> None:
+        """Keep the state in the memory of the driver, so that no step copies it; see `Driver`."""
+        state.y = self._y
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`."""
+        outputs = state.outputs
+        if state is not self._state or outputs.record is not self._output_record:
+            self._state, self._output_record = state, outputs.record
+            if self._memory is None and self._code.layout.watched:
+                self.watch(idle(self._code.program))
+            self._call.give(**state.records(), taylor=state.taylor, outputs=outputs.record)
+            self._call.give(output_times=outputs.times, output_states=outputs.states)
+        foreign = state.y is not self._y
+        if foreign:
+            self._y[:] = state.y
+        if state.integers[DriverState.RECORD]:
+            self._budget = None
+            self._call.give(budget=budget, times=times, rows=rows)
+        elif budget != self._budget:
+            self._budget = budget
+            self._call.give(budget=budget)
+        before = state.integers[DriverState.STEPS]
+        try:
+            outcome: Outcome = OUTCOMES[self._call()]
+        finally:
+            if foreign:
+                state.y[:] = self._y
+        if not self._is_final:
+            self._count(state.integers[DriverState.STEPS] - before)
+        return outcome
+
+    def _count(self, steps: int) -> None:
+        """Count steps of code that is compiled quickly. After many of them optimized code replaces it."""
+        self._call.count(steps)
+        if self._code.count(steps):
+            self._call.give(jet=self._code.function)
+        self._is_final = self._call.is_final and self._code.is_final

@@ -1,0 +1,183 @@
+"""Series programs on the numpy machine: the interpreted series, and its dense output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from lagrange.algorithm.series.cost import Cost, best_order
+from lagrange.algorithm.taylor.loop import taylor_steps
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.machine.backend import Callback, FloatArray, Kernel, SingularMassMatrix
+from lagrange.machine.copies import Shared
+from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.straight_lines import fits
+from lagrange.machine.printed_run import PrintedProcedure, between_arrays
+from lagrange.machine.series.driver import SeriesDriver
+from lagrange.machine.series.interpreted_jet import Jet
+from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
+
+
+@lru_cache(maxsize=64)
+def printed_steps(layout: TaylorLayout) -> PrintedProcedure:
+    """Return the loop over steps for a layout."""
+    return PrintedProcedure(taylor_steps.form(layout=layout))
+
+
+class NumpySeries(Shared):
+    """A series program that is interpreted."""
+
+    is_final = True
+
+    def __init__(self, program: SeriesProgram) -> None:
+        self.program = program
+        self._prepared: tuple[bytes, Jet] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NumpySeries, (self.program,)
+
+    def form(self, order: int) -> str:
+        """Return the word for the status card; see `Series`."""
+        return "interpreted"
+
+    def order(self, tolerance: float) -> int:
+        """Return the order by cost; see `Series`. Interpreting costs as much at every order."""
+        return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
+
+    @cached_property
+    def values(self) -> Kernel:
+        """The event functions and switching surfaces as a kernel of the state; see `Series`."""
+        return self.load(self.program.values)
+
+    @cached_property
+    def layout(self) -> TaylorLayout:
+        """The layout of the series for every order."""
+        return TaylorLayout.of(self.program)
+
+    @property
+    def loop(self) -> PrintedProcedure:
+        """The loop over steps; see `SeriesCode`."""
+        return printed_steps(self.layout)
+
+    @property
+    def function(self) -> Callable[..., bool]:
+        """The function that computes the series; see `SeriesCode`."""
+        return _with_numbers(self)
+
+    def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
+        """Return the parameters for the series and for the event functions, without constants; see `SeriesCode`."""
+        return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
+
+    def count(self, steps: int) -> bool:
+        """Return False: no code is compiled again."""
+        return False
+
+    def load(self, program: Program) -> Kernel:
+        """Return the kernel of a program. Programs with a large linear system are interpreted."""
+        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
+
+    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
+        """Return a kernel as a Python function and its parameters."""
+        return Callback(between_arrays(kernel), parameters)
+
+    def driver(self, order: int, parameters: FloatArray) -> SeriesDriver:
+        """Return a driver; see `Series`."""
+        return SeriesDriver(self, order, parameters)
+
+    def dense(self, order: int, parameters: FloatArray) -> NumpySeriesDense:
+        """Return the dense output of steps; see `Series`."""
+        return NumpySeriesDense(self, order, parameters)
+
+    def rows(
+        self,
+        order: int,
+        t: float,
+        y: FloatArray,
+        scale: float,
+        parameters: FloatArray,
+        low: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return the scaled coefficients at the state y + low, where `low` is below rounding; see `Series`."""
+        with np.errstate(all="ignore"):
+            found = self._jet(parameters).coefficients(t, y, order, scale, low)
+            zero = np.zeros(order + 1)
+            watched = [zero if i is None else found[:, i] for i in self.program.watched]
+            rows: FloatArray = np.column_stack([found[:, : self.program.states], *watched])
+            return rows
+
+    def _jet(self, parameters: FloatArray) -> Jet:
+        """Return the series for some parameters and sides, kept until these change."""
+        key, known = parameters.tobytes(), self._prepared
+        if known is None or known[0] != key:
+            known = self._prepared = key, Jet(self.program, parameters.copy())
+        return known[1]
+
+
+@dataclass(frozen=True, eq=False)
+class NumpySeriesDense(NumpyDense):
+    """The dense output of steps by a series at one order, for one set of parameters and sides."""
+
+    series: NumpySeries
+    order: int
+    parameters: FloatArray
+    both = False
+
+    @property
+    def dimension(self) -> int:
+        """The length of a state."""
+        return self.series.program.states
+
+    @property
+    def degree(self) -> int:
+        """The order."""
+        return self.order
+
+    @property
+    def width(self) -> int:
+        """The length of a row of the series."""
+        return self.dimension + len(self.series.program.watched)
+
+    def size(self, columns: int) -> int:
+        """Return the length of the work memory: a state, its rounding errors, and the rows of one series."""
+        return 2 * self.dimension + (self.order + 1) * self.width
+
+    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
+        """Write the polynomials by the series; see `NumpyDense`."""
+        jet = _between_arrays(self.series, self.parameters)
+        write_series(jet, self.dimension, self.width, self.order, columns, own, beside, work, out)
+
+
+def _with_numbers(series: NumpySeries) -> Callable[..., bool]:
+    """Return a series as the function that the loop calls, which reads parameters and sides from an array."""
+    count = series.program.constants.parameters
+
+    def jet(t: float, scale: float, y: Any, numbers: Any, constants: Any, rows: Any, order: int) -> bool:
+        between = _between_arrays(series, np.asarray(numbers[:count]))
+        return between(t, scale, y, numbers, constants, rows, order)
+
+    return jet
+
+
+def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
+    """Return a series for fixed parameters as the function that the loop over steps calls.
+
+    It returns True for a singular matrix. The array of the state has its 2n entries, then their rounding errors.
+    """
+
+    def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:
+        state = np.frombuffer(y, count=2 * series.program.states).reshape(2, -1)
+        try:
+            found = series.rows(order, t, state[0], scale, parameters, state[1])
+        except SingularMassMatrix:
+            return True
+        rows[: found.size] = found.reshape(-1).data
+        return False
+
+    return jet

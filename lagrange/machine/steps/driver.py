@@ -1,0 +1,121 @@
+"""The driver of step programs on every machine: calls of the compiled or printed loop over steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, Layout, kept
+from lagrange.machine.backend import FloatArray, Kernel, Machine
+from lagrange.machine.llvm.address import workspace
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.step_events import StepFunction
+from lagrange.procedure.form import Record
+from lagrange.program.step import StepProgram
+
+
+class StepDriver:
+    """Takes the steps of a step program for one law and one set of parameters; see `Driver`.
+
+    It keeps the data of the Newton solves of the steps in its work array.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        step: StepProgram,
+        kernel: Kernel,
+        parameters: FloatArray,
+        jacobian: Kernel | None = None,
+        projection: Kernel | None = None,
+    ) -> None:
+        loop, layout = machine.loop(step, kernel.program.states, projected=projection is not None)
+        self._loop: Any = loop
+        self._layout, self._work = layout, workspace(layout.size)
+        self._call: Any = self._loop.bound()
+        n = layout.dimension // 2
+        second = layout.width if step.partitioned else n
+        self._entries = np.array([*range(n), *range(second, second + n)])
+        """Indices of the entries of the state in the work array: one vector, or coordinates and velocities."""
+        self._kernels = kernel, jacobian, projection
+        law = machine.callback(kernel, parameters, of_steps=True)
+        self._call.give(law=law.function, parameters=law.numbers, work=self._work)
+        for name, corrections, numbers in (
+            ("jacobian", jacobian, "constants"),
+            ("projection", projection, "projection_numbers"),
+        ):
+            if corrections is not None:
+                made = machine.callback(corrections, parameters)
+                self._call.give(**{name: made.function, numbers: made.numbers})
+        self._call.give(effort=self._record(EFFORT, layout.effort))
+        self._newtons = [self._record(NEWTON, solve.flags) for solve in layout.solves]
+        self._starters = [] if step.starter is None else self._starting(layout)
+        self._call.give(**{f"newtons_{i}": one for i, one in enumerate(self._newtons)})
+        self._call.give(**{f"starters_{i}": one for i, one in enumerate(self._starters)})
+        self._budget: int | None = None
+        """The budget of calls without rows, None if the arguments of the loop may be others."""
+        self._state: DriverState | None = None
+        self._function: StepFunction | None = None
+
+    def _starting(self, layout: Layout) -> list[Any]:
+        """Return the records of the solves of the starter, whose layout follows the vectors of the step."""
+        return [self._record(NEWTON, layout.end + solve.flags) for solve in layout.starting.solves]
+
+    def _record(self, record: Record, place: int) -> Any:
+        """Return the record in the work array at an index."""
+        memory: Any = self._work
+        return record.structure.from_buffer(memory, 8 * place)
+
+    def adopt(self, state: DriverState) -> None:
+        """Do nothing: the state keeps its own memory; see `Driver`."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`. `rows` needs one spare block after its last row."""
+        self._work[self._entries] = state.y
+        self._use(state)
+        if state.integers[DriverState.RECORD]:
+            self._budget = None
+            self._call.give(budget=budget, times=times, rows=rows)
+        elif budget != self._budget:
+            self._budget = budget
+            self._call.give(budget=budget, times=None, rows=None)
+        before = state.integers[DriverState.STEPS]
+        try:
+            outcome = Outcome(self._call())
+        finally:
+            state.y[:] = self._work[self._entries]
+        self.count(state.integers[DriverState.STEPS] - before)
+        return outcome
+
+    def _use(self, state: DriverState) -> None:
+        """Advance this state from now on."""
+        if state is not self._state:
+            self._state = state
+            self._call.give(**state.records())
+
+    def function(self, state: DriverState) -> StepFunction:
+        """Return the compiled function that takes steps of a state, for another compiled loop.
+
+        It changes after many steps.
+        """
+        self._use(state)
+        self._budget = None
+        if self._function is None:
+            loop, call = self._loop, self._call
+            self._function = StepFunction(loop.steps, call.words, self._work, self._entries)
+        return self._function
+
+    def count(self, steps: int) -> None:
+        """Count steps of code that is compiled quickly, and switch to optimized code when it is ready."""
+        if self._call.count(steps):
+            self._function = None
+
+    def kept(self) -> tuple[Kept, ...]:
+        """Return the kept data of each solve of the steps, followed by those of the starter."""
+        layout, starting = self._layout, self._layout.starting
+        solves = [(layout, self._work, *pair) for pair in zip(self._newtons, layout.solves, strict=True)]
+        if self._starters:
+            work = self._work[layout.end :]
+            solves += [(starting, work, *pair) for pair in zip(self._starters, starting.solves, strict=True)]
+        return tuple(kept(where, newton.matrix_step, solve, work) for where, work, newton, solve in solves)
