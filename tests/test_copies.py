@@ -18,6 +18,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
+from lagrange.machine.series.driver import SeriesDriver
 from lagrange.trajectory.methods.registry import find, names
 
 theta = lg.coordinate("theta")
@@ -178,7 +179,7 @@ def test_copies_leave_nothing_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
     kernel: Any = pendulum().compile().kernel("rhs")
     series = pendulum().compile().series()[0]
-    jet = series.driver(8, pendulum().compile().parameter_array())
+    jet = SeriesDriver(series.code(8), 8, pendulum().compile().parameter_array())
     for thing in (kernel, series, kernel._module, run("taylor").trajectory):
         copy.deepcopy(thing)
     with pytest.raises(ValueError, match="pickled"):

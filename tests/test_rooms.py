@@ -39,15 +39,15 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
     "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
-        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
+        *("machine records", "machine/kernel", "machine/series", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (
-        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
+        *("machine records", "machine/kernel", "machine/steps", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (
-        *("machine records", "machine/steps", "machine entries"),
+        *("machine records", "machine/steps", "machine/series", "machine entries"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/foreign": (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.step.memory import Layout
+from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
@@ -125,19 +126,6 @@ class Driver(Protocol):
         """
 
 
-class TaylorDriver(Driver, Protocol):
-    """A driver of Taylor steps, whose parameters may change during a run."""
-
-    def watch(self, memory: Any) -> None:
-        """Find zeros of the event functions of an `EventMemory` from now on, if events are enabled in its record."""
-
-    def use(self, parameters: FloatArray) -> None:
-        """Continue with other parameters (k,) and sides of switching surfaces, joined to one array (k + sides,)."""
-
-    def restart(self, state: DriverState) -> None:
-        """Set the compensation of rounding errors to zero, because the state has jumped."""
-
-
 class BlockPolynomial(NamedTuple):
     """A callback that writes the polynomials of a block of steps, in the layout that `POLYNOMIAL` describes.
 
@@ -190,8 +178,8 @@ class Series(Protocol):
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the lowest cost."""
 
-    def driver(self, order: int, parameters: FloatArray) -> TaylorDriver:
-        """Return a driver of Taylor steps. Raises SingularMassMatrix if a constant mass matrix has no inverse."""
+    def code(self, order: int) -> SeriesCode:
+        """Return the series at an order, with the loop over its steps."""
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
         """Return the dense output of steps by the series of an order."""
@@ -207,6 +195,43 @@ class Series(Protocol):
         """
 
 
+class SeriesCode(Protocol):
+    """A series at one order on a machine, with the loop over its steps."""
+
+    program: SeriesProgram
+
+    @property
+    def layout(self) -> TaylorLayout:
+        """The layout of the series."""
+
+    @property
+    def function(self) -> Any:
+        """The function that computes the series, as procedures call it; see `JET`."""
+
+    @property
+    def loop(self) -> LoadedProcedure:
+        """The loop over steps; see `taylor_steps`."""
+
+    def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
+        """Return the prepared numbers, the constants and the numbers of the event functions in one array.
+
+        Also return the length of each of the three parts. Raises SingularMassMatrix.
+        """
+
+    @property
+    def is_final(self) -> bool:
+        """True if the code of the series is not compiled again."""
+
+    def count(self, steps: int) -> bool:
+        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+
+    def load(self, program: Program) -> Kernel:
+        """Return the kernel of a program."""
+
+    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
+        """Return a kernel as a function between arrays."""
+
+
 class Machine(Protocol):
     """A target that loads programs and runs them, such as LLVM or NumPy."""
 
@@ -219,15 +244,6 @@ class Machine(Protocol):
 
     def series(self, program: SeriesProgram) -> Series:
         """Return a series program that is ready to run."""
-
-    def driver(
-        self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None, projection: Any = None
-    ) -> Driver:
-        """Return a driver that advances a run by a step program. All kernels must be of this machine.
-
-        `kernel` evaluates the law of the step program. `jacobian` is the kernel of its derivative, for implicit steps.
-        `projection` is the kernel of the corrections of a state, for systems with constraints.
-        """
 
     def called(self, procedure: Procedure) -> LoadedProcedure:
         """Load a procedure, once per process."""

@@ -93,17 +93,6 @@ class LlvmMachine:
         """Return a series program that is ready to run. Each order is compiled at its first use."""
         return LlvmSeries(program)
 
-    def driver(
-        self,
-        step: StepProgram,
-        kernel: LlvmKernel,
-        parameters: FloatArray,
-        jacobian: LlvmKernel | None = None,
-        projection: LlvmKernel | None = None,
-    ) -> StepDriver:
-        """Return a driver whose loop over steps is compiled once for all models of the same dimension."""
-        return StepDriver(self, step, kernel, parameters, jacobian, projection)
-
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
         """Compile the loop over steps, quickly at first."""
         return compiled_loop(step, LAWS[step.law].dimension(states), projected)

@@ -44,17 +44,6 @@ class NumpyMachine:
         """Return a series program, which is interpreted."""
         return NumpySeries(program)
 
-    def driver(
-        self,
-        step: StepProgram,
-        kernel: Kernel,
-        parameters: FloatArray,
-        jacobian: Kernel | None = None,
-        projection: Kernel | None = None,
-    ) -> StepDriver:
-        """Return a driver that takes each step in Python."""
-        return StepDriver(self, step, kernel, parameters, jacobian, projection)
-
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
         """Print the loop over steps, once per process."""
         return printed_loop(step, LAWS[step.law].dimension(states), projected)

@@ -14,6 +14,7 @@ from lagrange.algorithm.step.constants import AFTER_BROKEN
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
+from lagrange.machine.steps.driver import StepDriver
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.events.end_messages import EventResult
@@ -165,7 +166,7 @@ class StepPlan:
         derivative = model.law(law.derivative) if self.step.solves else None
         has_constraints = self.projected and len(model.equations.constraints) > 0
         projection = model.law("projection") if has_constraints else None
-        return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
+        return StepDriver(model.machine, self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
         """Return the watcher of the events of the run, or None without events."""

@@ -21,6 +21,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.steps.driver import StepDriver
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.library import load
@@ -189,7 +190,7 @@ def made(large: int) -> StepProgram:
 def test_no_part_of_a_step_may_be_beyond_all_numbers(large: int) -> None:
     step, compiled = made(large), models("driven")
     both: list[Any] = [
-        machine(target).driver(step, one.kernel("rhs"), one.parameter_array())
+        StepDriver(machine(target), step, one.kernel("rhs"), one.parameter_array())
         for target, one in zip(TARGETS, compiled, strict=True)
     ]
     start = 100 * np.array(compiled[0].statement.initial)

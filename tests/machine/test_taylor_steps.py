@@ -121,7 +121,7 @@ def drivers(name: str, order: int) -> tuple[Statement, list[Any]]:
     given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
     compiled = [CompiledJet(pack(program, lanes), which) for lanes, which in ((8, order), (1, order), (4, 0))]
     return statement, [
-        NumpySeries(program).driver(order, given),
+        SeriesDriver(NumpySeries(program), order, given),
         *(SeriesDriver(jet, order, given) for jet in compiled),
     ]
 
@@ -210,7 +210,7 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
     for budget in (1, 30):
         looks.clear()
         values = np.array([statement.defaults[p] for p in statement.parameters])
-        driver = NumpySeries(program).driver(14, values)
+        driver = SeriesDriver(NumpySeries(program), 14, values)
         state = S(0.0, 2.0, np.array(statement.initial), 1e-8, 1e-8, 0.0)
         state.reals[S.LONGEST] = 0.1
         while driver.advance(state, budget, np.zeros(budget), np.zeros((budget + 4, 4))) is Outcome.PAUSED:
@@ -266,7 +266,7 @@ def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch
 
 def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
     program = series_program(euler_lagrange(SYSTEMS["Kepler orbit"]()))[0]
-    jet = LlvmSeries(program).compiled(9)
+    jet = LlvmSeries(program).code(9)
     quick = jet.address
     assert jet.tiers is not None
     jet.tiers.count(tiers.STEPS_BEFORE_OPTIMIZING - 1)

@@ -191,9 +191,9 @@ def dirty(driver: Any, dimension: int, *, series: bool) -> None:
     Of a series it is what the rounding of the state lost, the rows, and all the rest.
     """
     if series:
-        driver._work[driver._compiled.layout.padded :] = np.nan
+        driver._work[driver._code.layout.padded :] = np.nan
         return
-    layout = driver._code.layout
+    layout = driver._layout
     for vector in range(layout.step.states, layout.errors + len(layout.step.errors)):
         start = layout.place(vector)
         driver._work[start : start + layout.length] = np.nan

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.taylor.memory import HELD, TaylorLayout
-from lagrange.machine.backend import Callback, FloatArray, Kernel, LoadedProcedure
+from lagrange.algorithm.taylor.memory import HELD
+from lagrange.machine.backend import FloatArray, SeriesCode
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
-from lagrange.program.program import Program
-from lagrange.program.series import SeriesProgram
 
 WATCHED = (
     *((name, name) for name in ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")),
@@ -23,45 +21,11 @@ WATCHED = (
 """The arrays of an `EventMemory`: the name of each as an argument of the loop, and as an attribute."""
 
 
-class SeriesCode(Protocol):
-    """A series at one order on a machine, with the loop over its steps."""
-
-    program: SeriesProgram
-
-    @property
-    def layout(self) -> TaylorLayout:
-        """The layout of the series."""
-
-    @property
-    def function(self) -> Any:
-        """The function that computes the series, as procedures call it; see `JET`."""
-
-    @property
-    def loop(self) -> LoadedProcedure:
-        """The loop over steps; see `taylor_steps`."""
-
-    def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return the prepared numbers, the constants and the numbers of the event functions in one array.
-
-        Also return the length of each of the three parts. Raises SingularMassMatrix.
-        """
-
-    @property
-    def is_final(self) -> bool:
-        """True if the code of the series is not compiled again."""
-
-    def count(self, steps: int) -> bool:
-        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
-
-    def load(self, program: Program) -> Kernel:
-        """Return the kernel of a program."""
-
-    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
-        """Return a kernel as a function between arrays."""
-
-
 class SeriesDriver:
-    """Advances a run by Taylor steps; see `TaylorDriver`."""
+    """Advances a run by Taylor steps of a series; see `Driver`.
+
+    Its parameters may change during a run. With switching surfaces their sides come last, (k + sides,).
+    """
 
     def __init__(self, code: SeriesCode, order: int, parameters: FloatArray) -> None:
         self._code, self._call = code, code.loop.bound()
@@ -82,7 +46,7 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Use other values of the parameters and sides; see `TaylorDriver`."""
+        """Continue with other parameters (k,) and sides of switching surfaces, joined to one array (k + sides,)."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
             made = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
@@ -108,7 +72,7 @@ class SeriesDriver:
             begin += size
 
     def watch(self, memory: EventMemory) -> None:
-        """Set event functions, surfaces and resets; see `TaylorDriver`."""
+        """Find zeros of the event functions and surfaces of a memory from now on, if its record is enabled."""
         self._memory, self._numbers, code = memory, None, self._code
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
         self._call.give(**{name: getattr(memory, attribute) for name, attribute in WATCHED})
@@ -121,7 +85,7 @@ class SeriesDriver:
             self._call.give(resets=made.function, reset_numbers=made.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Clear the rounding errors carried from step to step; see `TaylorDriver`."""
+        """Set the compensation of rounding errors to zero, because the state has jumped."""
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0

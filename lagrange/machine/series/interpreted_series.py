@@ -19,7 +19,6 @@ from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.printed_run import PrintedProcedure, between_arrays
-from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -87,9 +86,9 @@ class NumpySeries(Shared):
         """Return a kernel as a Python function and its parameters."""
         return Callback(between_arrays(kernel), parameters)
 
-    def driver(self, order: int, parameters: FloatArray) -> SeriesDriver:
-        """Return a driver; see `Series`."""
-        return SeriesDriver(self, order, parameters)
+    def code(self, order: int) -> NumpySeries:
+        """Return the series itself, which serves every order; see `Series`."""
+        return self
 
     def dense(self, order: int, parameters: FloatArray) -> NumpySeriesDense:
         """Return the dense output of steps; see `Series`."""

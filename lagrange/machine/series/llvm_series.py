@@ -38,7 +38,6 @@ from lagrange.machine.llvm.procedures import joined as module_ir
 from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
-from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
@@ -76,7 +75,7 @@ class LlvmSeries(Shared):
             self._orders[tolerance] = cheapest_order(self._packing, tolerance)
         return self._orders[tolerance]
 
-    def compiled(self, order: int) -> CompiledJet:
+    def code(self, order: int) -> CompiledJet:
         """Return the machine code for an order."""
         key = 0 if self._is_large(order) else order
         if key not in self._compiled:
@@ -89,22 +88,13 @@ class LlvmSeries(Shared):
         """The event functions and switching surfaces as a kernel of the state; see `Series`."""
         return function(self.program.values)
 
-    def driver(self, order: int, parameters: FloatArray) -> SeriesDriver:
-        """Return a driver of Taylor steps of an order, for parameters (k + sides,).
-
-        Raises SingularMassMatrix if a constant mass matrix has no inverse.
-        """
-        compiled = self.compiled(order)
-        with refused():
-            return SeriesDriver(compiled, order, parameters)
-
     def dense(self, order: int, parameters: FloatArray) -> LlvmSeriesDense:
         """Return the dense output of steps; see `Series`."""
         return LlvmSeriesDense(self, order, parameters)
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the series at a state; see `Series`."""
-        return self.compiled(order).rows(order, t, y, scale, parameters)
+        return self.code(order).rows(order, t, y, scale, parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +117,7 @@ class LlvmSeriesDense(LlvmDense):
 
     def polynomial(self) -> BlockPolynomial:
         """Return the callback that writes the polynomials, with the address of the series; see `LlvmDense`."""
-        compiled = self.series.compiled(self.order)
+        compiled = self.series.code(self.order)
         return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
 
 
@@ -182,7 +172,8 @@ class CompiledJet:
     @property
     def loop(self) -> CompiledProcedure:
         """The compiled loop over steps, which serves all series of a layout."""
-        loop: CompiledProcedure = compiled_steps(self.layout)
+        with refused():
+            loop: CompiledProcedure = compiled_steps(self.layout)
         return loop
 
     @property

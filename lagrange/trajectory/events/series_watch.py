@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.algorithm.taylor.event_series import comparable_unit
-from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.event_memory import EventMemory
+from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (
@@ -55,7 +56,7 @@ class SeriesWatch(EventLog):
         self,
         series: Series,
         order: int,
-        driver: TaylorDriver,
+        driver: SeriesDriver,
         parameters: FloatArray,
         impacts: Sequence[Impact],
         names: Callable[[], Sequence[str]],

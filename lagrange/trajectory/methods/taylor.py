@@ -11,9 +11,10 @@ import numpy as np
 from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
-from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
+from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
@@ -99,13 +100,13 @@ class TaylorPlan:
         """True if there are events or switching surfaces."""
         return bool(self.series.program.watched)
 
-    def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
+    def driver(self, model: Model, parameters: FloatArray) -> SeriesDriver:
         """Return the driver. The sides of switching surfaces are undecided (NaN)."""
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
-        return self.series.driver(self.order, parameters)
+        return SeriesDriver(self.series.code(self.order), self.order, parameters)
 
-    def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
+    def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
         """Return the search for events and surface crossings, or None without any."""
         if not self.watched:
             return None
