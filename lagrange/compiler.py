@@ -38,8 +38,8 @@ from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
+from lagrange.statement.expression import one_of
 from lagrange.statement.given.function import require_formulas, with_inputs
-from lagrange.statement.number import one_of
 from lagrange.statement.progress import compiling
 from lagrange.statement.run_settings import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement

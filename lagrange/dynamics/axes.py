@@ -15,7 +15,7 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.plain_form import PlainForm, vanishes
 from lagrange.statement.declare import state_rows
-from lagrange.statement.number import real_array, whole_number
+from lagrange.statement.expression import real_array, whole_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 

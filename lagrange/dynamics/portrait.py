@@ -17,7 +17,7 @@ from lagrange.dynamics.runs import Report, Runs, depends_on_time, initial_of, st
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.trajectory import Status

@@ -18,8 +18,8 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import initial_state
+from lagrange.statement.expression import real_array
 from lagrange.statement.given.function import with_values
-from lagrange.statement.number import real_array
 from lagrange.statement.rotation import check_start
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import with_rates

@@ -23,8 +23,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.coordinate import t as time_symbol
 from lagrange.statement.event import Event, declare_events
-from lagrange.statement.expression import expression
-from lagrange.statement.number import MOST_NUMBERS, real_number, whole_number
+from lagrange.statement.expression import MOST_NUMBERS, expression, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 

@@ -18,7 +18,7 @@ from lagrange.dynamics.section import check_room, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
-from lagrange.statement.number import real_array, whole_number
+from lagrange.statement.expression import real_array, whole_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status

@@ -34,8 +34,7 @@ from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, 
 from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
-from lagrange.statement.expression import in_full
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import in_full, whole_number
 from lagrange.statement.rotation import of_quaternions
 from lagrange.statement.statement import Statement
 

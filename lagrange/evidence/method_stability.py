@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError
 from lagrange.machine.steps.numbers import numbers_of
-from lagrange.program.actions import LAWS, Combination, LawCall, Solve
-from lagrange.program.step import StepProgram
-from lagrange.statement.number import complex_array
+from lagrange.program.step import LAWS, Combination, LawCall, Solve, StepProgram
+from lagrange.statement.expression import complex_array
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import Stepped
 

@@ -13,7 +13,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import flag, real_array, real_number
+from lagrange.statement.expression import flag, real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find

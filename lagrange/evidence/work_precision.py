@@ -13,8 +13,7 @@ import numpy as np
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
 from lagrange.evidence.trust import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
 from lagrange.machine.model import Model
-from lagrange.statement.expression import entries
-from lagrange.statement.number import flag, real_number, whole_number
+from lagrange.statement.expression import entries, flag, real_number, whole_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find, names

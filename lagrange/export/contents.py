@@ -25,9 +25,8 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.rewrite import Pruner, bound
-from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
-from lagrange.program.step import StepProgram
+from lagrange.program.step import LAWS, StepProgram
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event

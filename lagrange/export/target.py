@@ -14,7 +14,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import one_of
 
 QUANTITIES = (
     *("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix", "momenta", "multipliers", "positions"),

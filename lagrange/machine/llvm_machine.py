@@ -30,10 +30,9 @@ from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
 from lagrange.procedure.spread import COMMON, OWN
-from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
-from lagrange.program.step import StepProgram
+from lagrange.program.step import LAWS, StepProgram
 
 SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
 

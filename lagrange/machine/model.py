@@ -34,7 +34,7 @@ from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
-from lagrange.statement.number import one_of, real_array, real_number, text, whole_number
+from lagrange.statement.expression import one_of, real_array, real_number, text, whole_number
 from lagrange.statement.statement import Statement
 
 State = tuple[FloatArray, FloatArray]

@@ -17,10 +17,9 @@ from lagrange.machine.printed_run import PrintedProcedure, between_arrays, calle
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.steps.driver import StepDriver
 from lagrange.procedure.form import Procedure
-from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
-from lagrange.program.step import StepProgram
+from lagrange.program.step import LAWS, StepProgram
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
-from lagrange.statement.number import DOUBLE, real_array
+from lagrange.statement.expression import DOUBLE, real_array
 from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement
 

@@ -32,9 +32,8 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.expression import expression, in_full, refusing_deep
+from lagrange.statement.expression import ByName, expression, in_full, refusing_deep
 from lagrange.statement.notebook_page import ShownAsPage
-from lagrange.statement.number import ByName
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import AXES
 from lagrange.statement.statement import Statement

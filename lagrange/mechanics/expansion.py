@@ -14,8 +14,7 @@ from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.mechanics.plain_form import PlainForm, number, simplest, size_of_terms, vanishes
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
-from lagrange.statement.expression import entries, expression
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import entries, expression, whole_number
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import in_coordinates, is_scalar, rotation_of
 from lagrange.statement.statement import Constraint, Statement

@@ -15,10 +15,9 @@ from lagrange.evidence.agreement import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
-from lagrange.statement.expression import expression, refusing_deep
+from lagrange.statement.expression import TYPED_ROUNDING, expression, refusing_deep
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.number import TYPED_ROUNDING
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.statement import Constraint, Statement

@@ -29,7 +29,7 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.mechanics.roots import CONVERGED_STEP
 from lagrange.statement.coordinate import t
-from lagrange.statement.number import real_array
+from lagrange.statement.expression import real_array
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 

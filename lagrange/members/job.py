@@ -16,7 +16,7 @@ from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped, T
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
 from lagrange.members.singly import Explained, RunEngine, flow_engine
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import whole_number
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.plan import Planned
 

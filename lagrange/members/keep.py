@@ -18,8 +18,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.machine.printed_run import called
 from lagrange.members.reductions import REDUCTIONS
-from lagrange.statement.expression import entries
-from lagrange.statement.number import one_of, whole_number
+from lagrange.statement.expression import entries, one_of, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"

@@ -42,7 +42,7 @@ from lagrange.members.singly import Energies, RunEngine
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run as interpret
 from lagrange.procedure.rewrite import Pruner
-from lagrange.program.actions import LAWS
+from lagrange.program.step import LAWS
 from lagrange.trajectory.endings import slope_ahead
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of

@@ -16,7 +16,7 @@ from lagrange.members.job import Job
 from lagrange.members.keep import OUTPUTS, STATE, Column
 from lagrange.members.table import MemberTable
 from lagrange.statement.event import Event
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.plan import Stepped
 

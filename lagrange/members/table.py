@@ -17,7 +17,7 @@ from lagrange.members.chunk import Starts
 from lagrange.members.varied import Arrays, MemberNumbers, Varied
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
-from lagrange.statement.number import real_array, real_number
+from lagrange.statement.expression import real_array, real_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.rotation import (
     check_start,

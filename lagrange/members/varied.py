@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.number import MOST_NUMBERS, one_of, real_array, real_number, whole_number
+from lagrange.statement.expression import MOST_NUMBERS, one_of, real_array, real_number, whole_number
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.trajectory import FloatArray
 

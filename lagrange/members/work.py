@@ -16,7 +16,7 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.chunk import Engine, Starts, Table
 from lagrange.members.job import ChunkResult, Job, run_chunk, timed
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import whole_number
 
 MOST_WORKERS = 1024
 """Largest accepted number of threads. No machine has more processors."""

@@ -27,7 +27,7 @@ from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.states_between_outputs import known_alone
-from lagrange.statement.number import flag, one_of, whole_number
+from lagrange.statement.expression import flag, one_of, whole_number
 from lagrange.statement.progress import progress_bar
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray

@@ -18,7 +18,7 @@ from lagrange.show.figures.style import style_of
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notebook.html_card import text
 from lagrange.show.units import unit_of, with_unit
-from lagrange.statement.number import flag, real_number
+from lagrange.statement.expression import flag, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.methods.registry import find

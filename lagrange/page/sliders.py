@@ -15,8 +15,7 @@ from lagrange.machine.model import Model
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import state_rows
-from lagrange.statement.expression import entries
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import entries, real_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.space import body_rates

@@ -17,7 +17,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.python_source import defined
 from lagrange.program.program import Program
-from lagrange.statement.number import flag, one_of
+from lagrange.statement.expression import flag, one_of
 
 
 def missing(method: str, command: str, error: ImportError) -> StatementError:

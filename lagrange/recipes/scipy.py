@@ -18,8 +18,8 @@ from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import Event
+from lagrange.statement.expression import real_number
 from lagrange.statement.given.function import check_span
-from lagrange.statement.number import real_number
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.run import time_span

@@ -18,7 +18,7 @@ from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sec
 from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
 from lagrange.show.notation.text import Notation, UnicodeNotation, width
 from lagrange.show.terminal import DETAILS, FORMATS
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import one_of
 from lagrange.statement.statement import Statement
 
 INDENT = "    "

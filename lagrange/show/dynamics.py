@@ -33,7 +33,7 @@ from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.shown_lists import ExpressionTuple
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import flag, flag_or_word, real_number, whole_number
+from lagrange.statement.expression import flag, flag_or_word, real_number, whole_number
 from lagrange.statement.progress import LINES, counter
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import RunOptions

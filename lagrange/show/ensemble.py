@@ -52,7 +52,7 @@ from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import flag_or_word, whole_number
+from lagrange.statement.expression import flag_or_word, whole_number
 from lagrange.statement.progress import LINES, compiling, counter
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions

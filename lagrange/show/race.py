@@ -27,7 +27,7 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ import sympy
 
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
-from lagrange.statement.expression import expression, vector
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import expression, one_of, vector
 from lagrange.statement.parameters import Survey, table_of
 
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")

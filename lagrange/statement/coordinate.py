@@ -13,7 +13,7 @@ from sympy import Basic, Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.number import flag
+from lagrange.statement.expression import flag
 from lagrange.statement.vocabulary.letters import NAME
 from lagrange.statement.vocabulary.words import FUNCTIONS
 

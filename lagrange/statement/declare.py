@@ -28,10 +28,20 @@ from lagrange.statement.coordinate import (
     velocity_of,
 )
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full, is_shorthand, refusing_deep
+from lagrange.statement.expression import (
+    TEXTS,
+    as_typed,
+    entries,
+    expression,
+    in_full,
+    is_shorthand,
+    one_of,
+    real_number,
+    refusing_deep,
+    text,
+)
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.number import one_of, real_number, text
 from lagrange.statement.parameters import Survey, check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.rotation import (
     check_moments,

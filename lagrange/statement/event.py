@@ -15,8 +15,7 @@ import sympy
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import check_multipliers, t
 from lagrange.statement.declare import state_rows
-from lagrange.statement.expression import entries, expression
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import entries, expression, real_number
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import reset_of_coordinates
 from lagrange.statement.statement import Statement

@@ -14,8 +14,8 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.coordinate import PARAMETERS, check_name, check_symbol, constraint_of, name_of, t, velocity_of
+from lagrange.statement.expression import real_number
 from lagrange.statement.given.motion import Motion, motion_of
-from lagrange.statement.number import real_number
 from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, ITE, BooleanAtom)

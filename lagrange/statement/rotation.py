@@ -30,8 +30,7 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.expression import SHORTHAND, NonScalar, as_typed, entries, in_full, is_shorthand
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import SHORTHAND, NonScalar, as_typed, entries, in_full, is_shorthand, real_number
 from lagrange.statement.space import (
     LARGEST_DEVIATION,
     SpaceMatrix,

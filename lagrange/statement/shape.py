@@ -9,8 +9,7 @@ from itertools import combinations, pairwise, product
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.expression import entries
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import entries, one_of
 from lagrange.statement.rotation import Rotation
 from lagrange.statement.space import in_space
 

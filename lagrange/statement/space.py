@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from sympy.matrices.exceptions import ShapeError
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.expression import TEXTS, as_typed, entries
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import TEXTS, as_typed, entries, real_number
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):

@@ -16,8 +16,8 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState, Outcome, Outputs
+from lagrange.statement.expression import real_array, real_number
 from lagrange.statement.given.function import check_span, require_values
-from lagrange.statement.number import real_array, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent

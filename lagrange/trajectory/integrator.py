@@ -16,7 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
 from lagrange.machine.state import DriverState
 from lagrange.statement.event import Event
-from lagrange.statement.number import flag, real_array, real_number, whole_number
+from lagrange.statement.expression import flag, real_array, real_number, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FLOOR_SHARE = 1e-3

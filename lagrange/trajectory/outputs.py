@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.statement.number import real_array
+from lagrange.statement.expression import real_array
 from lagrange.trajectory.constraints.approach import Approach
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks

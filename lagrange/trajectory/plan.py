@@ -15,8 +15,7 @@ from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.machine.steps.driver import StepDriver
-from lagrange.program.actions import LAWS
-from lagrange.program.step import StepProgram
+from lagrange.program.step import LAWS, StepProgram
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch

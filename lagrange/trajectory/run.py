@@ -21,8 +21,8 @@ from lagrange.machine.model import Model, Stated, stated
 from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
+from lagrange.statement.expression import flag, real_number
 from lagrange.statement.given.function import check_span, require_values
-from lagrange.statement.number import flag, real_number
 from lagrange.statement.progress import compiling, progress_bar
 from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation

@@ -18,7 +18,7 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, su
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
-from lagrange.statement.number import ByName, real_array
+from lagrange.statement.expression import ByName, real_array
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift

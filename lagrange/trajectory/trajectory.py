@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
 from lagrange.machine.parameters import Parameters
-from lagrange.statement.number import real_array, real_number
+from lagrange.statement.expression import real_array, real_number
 
 FloatArray = NDArray[np.float64]
 

@@ -24,8 +24,7 @@ from lagrange.algorithm.step.memory import Kept
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.program.actions import LAWS
-from lagrange.program.step import Control
+from lagrange.program.step import LAWS, Control
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod

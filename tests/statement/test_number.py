@@ -13,7 +13,7 @@ import pytest
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.statement.number import flag, real_array, real_number
+from lagrange.statement.expression import flag, real_array, real_number
 from tests.refusals import refusal
 
 

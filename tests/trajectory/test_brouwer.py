@@ -16,7 +16,7 @@ import sympy as sp
 
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.program.actions import in_doubles
+from lagrange.program.step import in_doubles
 from lagrange.trajectory.integrator import Problem
 from tests.models import build, theta, x, y
 from tests.trajectory.runs import MOMENTA, implicit

@@ -19,7 +19,7 @@ from lagrange.algorithm.step.vectors import StepVectors, copy_vector, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrolled
-from lagrange.program.actions import LAWS, Combination, LawCall
+from lagrange.program.step import LAWS, Combination, LawCall
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
 """For laws of momenta: the matrix that must be regular, as rows of blocks (result, argument). It is M = dp/dv, and with

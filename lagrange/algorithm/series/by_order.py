@@ -12,12 +12,11 @@ from typing import Any
 from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.series.jet import LoopJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.order_sums import OrderSums, Pair
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.algorithm.series.rules import Term, coefficient
 from lagrange.algorithm.series.systems import system_size
 from lagrange.algorithm.series.value import ChunkAt, divisor, solved
-from lagrange.algorithm.series.vectors import entries, gathered, of_width, put, wide
+from lagrange.algorithm.series.vectors import OrderSums, Pair, entries, gathered, of_width, put, wide
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.values import Whole

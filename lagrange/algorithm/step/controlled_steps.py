@@ -30,8 +30,7 @@ from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_a
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, larger, likely, smaller
-from lagrange.program.actions import LAWS
-from lagrange.program.step import Control
+from lagrange.program.step import LAWS, Control
 
 
 def steps_of(layout: Layout) -> Procedure:

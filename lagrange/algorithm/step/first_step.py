@@ -29,8 +29,7 @@ from lagrange.algorithm.step.run import Running, running
 from lagrange.algorithm.step.vectors import copy_vector
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
-from lagrange.program.actions import LAWS
-from lagrange.program.step import Control
+from lagrange.program.step import LAWS, Control
 
 NEEDS_SIZES = -1.0
 """Result if the caller has to estimate the sizes of the entries first."""

@@ -15,8 +15,7 @@ from lagrange.algorithm.linear.gauss_jordan import row_stride
 from lagrange.algorithm.newton.constants import HISTORY
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.vocabulary import form_of, record
-from lagrange.program.actions import LAWS, Damp, Solve
-from lagrange.program.step import StepProgram
+from lagrange.program.step import LAWS, Damp, Solve, StepProgram
 
 
 @record

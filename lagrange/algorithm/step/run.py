@@ -11,7 +11,7 @@ from lagrange.algorithm.step.memory import Effort, Layout, Newton, work_array
 from lagrange.procedure.form import FLAG, READ, REAL, Array, Callee
 from lagrange.procedure.front.plain import Bundle, Stated
 from lagrange.procedure.front.vocabulary import In, Out, form_of, record
-from lagrange.program.actions import LAWS
+from lagrange.program.step import LAWS
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
 """A function between arrays: from a time, a state and prepared numbers to its results. It returns True if it is

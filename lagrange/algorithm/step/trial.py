@@ -15,7 +15,7 @@ from lagrange.algorithm.step.vectors import NO_REGISTERS, StepVectors, copy_vect
 from lagrange.procedure.form import FLAG, Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, reals, unrolled
-from lagrange.program.actions import Damp, Solve
+from lagrange.program.step import Damp, Solve
 
 
 def entries_array(layout: Layout) -> Array | None:

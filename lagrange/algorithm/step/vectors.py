@@ -14,8 +14,8 @@ from lagrange.algorithm.step.run import Running
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, operation, reals, unrolled
-from lagrange.program.actions import LAWS, Combination, LawCall, in_doubles, parts
 from lagrange.program.program import Program
+from lagrange.program.step import LAWS, Combination, LawCall, in_doubles, parts
 
 Registers = Mapping[int, Sequence[float]]
 """Entries of vectors that have just been computed, by number of the vector. Reading them from memory would take some

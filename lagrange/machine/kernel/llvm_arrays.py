@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from lagrange.machine.backend import FloatArray, QuickCalls
 from lagrange.machine.llvm.address import address, by_layout
 from lagrange.machine.llvm.engine import Module
-from lagrange.statement.number import DOUBLE
+from lagrange.statement.expression import DOUBLE
 
 HEADER = object.__basicsize__
 TYPE = HEADER - 8

@@ -25,7 +25,7 @@ from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.program.simplify import simplified
-from lagrange.statement.number import DOUBLE
+from lagrange.statement.expression import DOUBLE
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 CACHED = 2**17

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_FRAMES = 3000

@@ -18,7 +18,7 @@ from lagrange.show.figures.space import spring, view_of
 from lagrange.show.figures.style import FigureStyle, colours, dress, mixed, on_paper, style_of
 from lagrange.show.notation.symbols import letters
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.statement.statement import SPRING, corners
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import FloatArray

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from lagrange.errors import StatementError, counted, shown
 from lagrange.show.figures.style import dress, on_paper, style_of
 from lagrange.show.files.picture import bounded_png
-from lagrange.statement.number import real_array, whole_number
+from lagrange.statement.expression import real_array, whole_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

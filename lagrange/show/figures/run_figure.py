@@ -18,8 +18,7 @@ from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import FigureStyle, on_paper, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import name_of, row_label
-from lagrange.statement.expression import entries, refusing_deep
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import entries, refusing_deep, whole_number
 from lagrange.statement.rotation import rotation_of, shorthands
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import one_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

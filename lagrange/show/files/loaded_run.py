@@ -16,7 +16,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, counted, listing, shown
 from lagrange.machine.model import Model
-from lagrange.statement.number import printable
+from lagrange.statement.expression import printable
 from lagrange.statement.scene.scene_reader import stored_statement
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.contact.history import stored_history

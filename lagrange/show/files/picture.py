@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import Writer
-from lagrange.statement.number import whole_number
+from lagrange.statement.expression import whole_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

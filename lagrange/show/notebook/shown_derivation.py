@@ -23,7 +23,7 @@ from lagrange.show.notebook.page_writer import (
 )
 from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.number import one_of, text
+from lagrange.statement.expression import one_of, text
 from lagrange.statement.progress import deriving
 from lagrange.statement.statement import Statement
 

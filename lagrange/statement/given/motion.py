@@ -15,8 +15,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.expression import expression
-from lagrange.statement.number import real_array
+from lagrange.statement.expression import expression, real_array
 
 FEWEST_TABLE_POINTS = 4
 """Least number of points of a table: those of a cubic."""

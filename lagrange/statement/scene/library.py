@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from lagrange.statement.number import one_of
+from lagrange.statement.expression import one_of
 from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.statement import Statement

@@ -29,10 +29,9 @@ from lagrange.statement.coordinate import (
 from lagrange.statement.declare import ORIGIN, check_point, check_redundant, declare, link_part
 from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.event import Event, declare_events, event
-from lagrange.statement.expression import in_full
+from lagrange.statement.expression import in_full, printable, real_number
 from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
-from lagrange.statement.number import printable, real_number
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of, shorthands
 from lagrange.statement.run_settings import RunSettings

@@ -15,8 +15,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
-from lagrange.statement.expression import entries
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import entries, real_number
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of

@@ -14,7 +14,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.number import TYPED_ROUNDING
+from lagrange.statement.expression import TYPED_ROUNDING
 from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of

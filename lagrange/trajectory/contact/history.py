@@ -17,8 +17,8 @@ from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import multiplier
+from lagrange.statement.expression import ByName
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.number import ByName
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.modes import Mode, modes_of, sliding_friction
 from lagrange.trajectory.contact.transition import Impact

@@ -16,7 +16,7 @@ from lagrange.algorithm.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault

@@ -14,7 +14,7 @@ from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
-from lagrange.statement.number import ByName, one_of
+from lagrange.statement.expression import ByName, one_of
 from lagrange.statement.statement import corners
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.number import real_array, real_number
+from lagrange.statement.expression import real_array, real_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _CLIPPED = 1e-12

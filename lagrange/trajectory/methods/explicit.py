@@ -15,8 +15,7 @@ import sympy
 
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.statement.expression import MOST_ENTRIES, entries
-from lagrange.statement.number import one_of, text, whole_number
+from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings

@@ -13,7 +13,7 @@ from typing import Any
 
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.statement.number import one_of, text
+from lagrange.statement.expression import one_of, text
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import (

@@ -17,7 +17,7 @@ from typing import Any
 from lagrange.errors import StatementError, shown
 from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.step import StepProgram, trace
-from lagrange.statement.number import text, whole_number
+from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings

@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.statement.number import flag
+from lagrange.statement.expression import flag
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import constrained, explicit, implicit, index2, radau, splitting, taylor, variational

@@ -16,8 +16,7 @@ from typing import Any
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.program.step import StepProgram, trace
-from lagrange.statement.expression import entries
-from lagrange.statement.number import real_array, real_number, text, whole_number
+from lagrange.statement.expression import entries, real_array, real_number, text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import check_options, check_problem, fixed_settings

@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import real_number
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
 RTOL = 1e-9

@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.number import text, whole_number
+from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.tableaux.rooted_trees import (
     Coefficient,
     Coefficients,
