@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from lagrange.algorithm.taylor.memory import HELD
 from lagrange.machine.backend import FloatArray, SeriesCode
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.llvm.address import workspace
-from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.machine.state import OUTCOMES, DriverState, Outcome, Outputs
 
 WATCHED = (
     *((name, name) for name in ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")),
@@ -36,7 +35,7 @@ class SeriesDriver:
         """The budget of calls without rows."""
         self._is_final = False
         self._state: DriverState | None = None
-        self._output_record: Any = None
+        self._outputs: Outputs | None = None
         self._memory: EventMemory | None = None
         self._numbers: FloatArray | None = None
         projection = code.program.projection
@@ -96,13 +95,14 @@ class SeriesDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        outputs = state.outputs
-        if state is not self._state or outputs.record is not self._output_record:
-            self._state, self._output_record = state, outputs.record
+        if state is not self._state:
+            self._state = state
             if self._memory is None and self._code.layout.watched:
                 self.watch(idle(self._code.program))
-            self._call.give(**state.records(), taylor=state.taylor, outputs=outputs.record)
-            self._call.give(output_times=outputs.times, output_states=outputs.states)
+            self._call.give(**state.records(), taylor=state.taylor)
+        if state.outputs is not self._outputs:
+            outputs = self._outputs = state.outputs
+            self._call.give(outputs=outputs.record, output_times=outputs.times, output_states=outputs.states)
         foreign = state.y is not self._y
         if foreign:
             self._y[:] = state.y
