@@ -43,11 +43,11 @@ class MembersCode:
     def __init__(self, procedure: Procedure) -> None:
         self.lanes = lanes()
         pruned = Pruner().pruned(procedure)
-        signature = tuple(OWN if one.name == LANE else COMMON for one in pruned.parameters)
+        signature = tuple(OWN if parameter.name == LANE else COMMON for parameter in pruned.parameters)
         entry = MemberProcedures(self.lanes).entry(pruned, signature)
         self._parameters = entry.parameters
         self._code = Module(module([entry]), optimize=True, often=True)
-        types = [SCALARS[one.type] if isinstance(one.type, Kind) else ctypes.c_void_p for one in self._parameters]
+        types = [SCALARS[each.type] if isinstance(each.type, Kind) else ctypes.c_void_p for each in self._parameters]
         self._call = ctypes.CFUNCTYPE(None, *types)(self._code.address(entry.name))
         numbers = np.arange(self.lanes, dtype=np.int64)
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
@@ -58,7 +58,7 @@ class MembersCode:
         Other threads run meanwhile.
         """
         known = {**given, **self._known}
-        values = [known[one.name] for one in self._parameters]
+        values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 
 

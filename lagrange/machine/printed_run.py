@@ -71,10 +71,10 @@ def between_arrays(kernel: Kernel) -> Any:
 
     def evaluate(t: float, y: memoryview, numbers: memoryview, out: memoryview) -> bool:
         try:
-            found: FloatArray = kernel(t, np.frombuffer(y, count=states), np.asarray(numbers[:count]))
+            results: FloatArray = kernel(t, np.frombuffer(y, count=states), np.asarray(numbers[:count]))
         except SingularMassMatrix:
             return True
-        out[: found.size] = np.ascontiguousarray(found).reshape(-1).data
+        out[: results.size] = np.ascontiguousarray(results).reshape(-1).data
         return False
 
     return evaluate

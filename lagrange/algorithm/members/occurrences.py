@@ -130,10 +130,10 @@ class EventSearch:
         count, n = self.events.count, self.dimension
         real_count, whole_count = scratch_sizes(count, n)
         states = reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR)
-        found = reals(MEMBER_EVENT_ROOM), states, wholes(MEMBER_EVENT_ROOM), wholes(1)
+        events = reals(MEMBER_EVENT_ROOM), states, wholes(MEMBER_EVENT_ROOM), wholes(1)
         scratch = reals(real_count, room=WIDEST_VECTOR), wholes(whole_count)
         seen = self.occurrences.memory()
-        return SearchMemory(Watch(), wholes(2 * SIDES * count), *found, *scratch, seen, wholes(1))
+        return SearchMemory(Watch(), wholes(2 * SIDES * count), *events, *scratch, seen, wholes(1))
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:

@@ -113,7 +113,7 @@ class MemberStepPath:
         names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
         layout = self.kind.stages, self.kind.degree, self.dimension, columns
         arguments = dict(zip(names, (numbers, table, *layout, own, beside, work, out), strict=True))
-        generated(self.procedure, *[arguments[one.name] for one in self.procedure.parameters])
+        generated(self.procedure, *[arguments[parameter.name] for parameter in self.procedure.parameters])
 
 
 @dataclass(frozen=True)

@@ -76,9 +76,9 @@ class StepEventSearch:
         """Return memory for the search."""
         count, n = self.events.count, self.dimension
         sides = wholes(count), wholes(count), wholes(count), reals(count), wholes(count)
-        found = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
+        zeros = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
         seen = self.occurrences.memory()
-        return ReviewMemory(Review(), *sides, *found, wholes(4 * count), reals(count), reals(n), seen)
+        return ReviewMemory(Review(), *sides, *zeros, wholes(4 * count), reals(count), reals(n), seen)
 
     @inline
     def begin(self, memory: ReviewMemory, given: ReviewArguments) -> None:

@@ -66,27 +66,29 @@ class NumpyDense(ABC):
         """Return the callback that writes the polynomials of a block of steps; see `DensePath`."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
-            own, beside, work, out = (one if isinstance(one, np.ndarray) else np.frombuffer(one) for one in arrays)
+            own, beside, work, out = (
+                array if isinstance(array, np.ndarray) else np.frombuffer(array) for array in arrays
+            )
             self.write(columns, own, beside, work, out)
 
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of some steps; see `DensePath`."""
-        found = np.empty((self.degree + 1, self.dimension, len(steps)))
+        coefficients = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), STEPS_PER_BLOCK):
             part = slice(low, low + STEPS_PER_BLOCK)
-            found[:, :, part] = self._block(times, states, steps[part])
-        return found
+            coefficients[:, :, part] = self._block(times, states, steps[part])
+        return coefficients
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
         """Write the states at sorted times; see `DensePath`."""
         sign = 1.0 if times[-1] >= times[0] else -1.0
-        found = np.searchsorted(sign * times, sign * wanted, side="right") - 1
-        found = np.clip(found, 0, len(times) - 2)
+        step_of = np.searchsorted(sign * times, sign * wanted, side="right") - 1
+        step_of = np.clip(step_of, 0, len(times) - 2)
         for low in range(0, len(wanted), TIMES_PER_BLOCK):
             part = slice(low, low + TIMES_PER_BLOCK)
-            steps, here = found[part], wanted[part]
+            steps, here = step_of[part], wanted[part]
             used, which = np.unique(steps, return_inverse=True)
             with np.errstate(all="ignore"):
                 theta = (here - times[steps]) / (times[steps + 1] - times[steps])
@@ -147,14 +149,14 @@ class NumpyStepDense(NumpyDense):
         arrays = kind.table, own, beside, work, out
         few = columns * self.dimension <= SHORT_BLOCK
         table, *rest = [array.data for array in arrays] if few else arrays
-        made = _loaded(kind.procedure, by_arrays=not few)
-        made(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)
+        write = _loaded(kind.procedure, by_arrays=not few)
+        write(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)
 
 
 def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
     """Write the polynomials of a block of Taylor steps; `width` is the length of a row. See `NumpyDense.write`."""
-    made = _loaded(series_polynomial.form(), by_arrays=True)
-    made(jet, None, None, order, width, dimension, dimension, *arrays)
+    write = _loaded(series_polynomial.form(), by_arrays=True)
+    write(jet, None, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
@@ -163,8 +165,8 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
     def evaluate(count: int, t: Any, q: Any, v: Any, _: Any, out: Any) -> int:
         parts = [np.asarray(part)[: half * count].reshape(half, count) for part in (q, v)]
-        found = _known(kernel, np.asarray(t)[:count], np.concatenate(parts), parameters)
-        np.asarray(out)[: found.size] = found.reshape(-1)
+        results = _known(kernel, np.asarray(t)[:count], np.concatenate(parts), parameters)
+        np.asarray(out)[: results.size] = results.reshape(-1)
         return -1
 
     return evaluate
@@ -175,10 +177,10 @@ def _invert(order: int, columns: int, a: Any, _: Any) -> None:
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
     try:
-        found = np.linalg.inv(matrices)
+        inverses = np.linalg.inv(matrices)
     except np.linalg.LinAlgError:
-        found = np.array([_inverse(matrix) for matrix in matrices])
-    both[:, order:] = np.moveaxis(found, 0, -1)
+        inverses = np.array([_inverse(matrix) for matrix in matrices])
+    both[:, order:] = np.moveaxis(inverses, 0, -1)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
@@ -193,11 +195,11 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
     try:
         return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
-        found = np.full((*kernel.program.shape, y.shape[1]), np.nan)
+        results = np.full((*kernel.program.shape, y.shape[1]), np.nan)
         if error.column is not None and y.shape[1] > 1:
             others = np.arange(y.shape[1]) != error.column
-            found[..., others] = _known(kernel, t[others], y[:, others], parameters)
-        return found
+            results[..., others] = _known(kernel, t[others], y[:, others], parameters)
+        return results
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:

@@ -53,7 +53,7 @@ def inversion() -> Module:
 
 
 def _module(procedure: Procedure, entry: str) -> Module:
-    functions = [function(one, hidden=True) for one in (*procedure.callees, procedure)]
+    functions = [function(each, hidden=True) for each in (*procedure.callees, procedure)]
     return Module("\n".join([declarations(), *functions, entry, METADATA, ATTRIBUTES]), merge=True)
 
 
@@ -153,10 +153,10 @@ class LlvmStepDense(LlvmDense):
         code = compiled_polynomial(kind.procedure)
         kept: list[Any] = [code, kind.table]
         places = []
-        for one in (self.kernel, self.jacobian):
-            prepared = None if one is None else one.prepare(self.parameters)
+        for kernel in (self.kernel, self.jacobian):
+            prepared = None if kernel is None else kernel.prepare(self.parameters)
             kept.append(prepared)
-            places += [0, 0] if one is None or prepared is None else [one.columns_address, address(prepared)]
+            places += [0, 0] if kernel is None or prepared is None else [kernel.columns_address, address(prepared)]
         places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
         given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
         address_of = code.address("polynomial")

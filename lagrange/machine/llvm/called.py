@@ -151,21 +151,23 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
     Callees are inlined unless they are marked `apart`. A loop over steps has a second function; see `_steps`.
     """
     callees = transitive_callees([procedure], elsewhere)
-    functions = [function(one, hidden=True, merged=not (one is procedure or one.apart)) for one in callees]
+    functions = [function(callee, hidden=True, merged=not (callee is procedure or callee.apart)) for callee in callees]
     functions.append(_run(procedure))
-    if [one.name for one in procedure.parameters][-len(STEPS) :] == list(STEPS):
+    if [parameter.name for parameter in procedure.parameters][-len(STEPS) :] == list(STEPS):
         functions.append(_steps(procedure))
-    return joined(functions, [declaration(one) for one in elsewhere])
+    return joined(functions, [declaration(callee) for callee in elsewhere])
 
 
 def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
     """Return procedures and their callees, callees first, without those that only procedures `elsewhere` call."""
-    found: dict[Procedure, None] = {}
+    reached: dict[Procedure, None] = {}
     for procedure in procedures:
         called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
-        found |= dict.fromkeys(transitive_callees([one for one in called if one not in elsewhere], elsewhere))
-        found[procedure] = None
-    return list(found)
+        reached |= dict.fromkeys(
+            transitive_callees([callee for callee in called if callee not in elsewhere], elsewhere)
+        )
+        reached[procedure] = None
+    return list(reached)
 
 
 def _steps(procedure: Procedure) -> str:
@@ -175,7 +177,7 @@ def _steps(procedure: Procedure) -> str:
     knows in the caller that the steps change them.
     """
     e = Emitter()
-    places = {one.name: place for place, one in enumerate(procedure.parameters)}
+    places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
     for name in STEPS:
         e.put(f"%{name}", "%words", places[name], "i64" if name == "budget" else "ptr")
     e.do("call void @run(ptr %words)")
@@ -208,7 +210,7 @@ def _argument(e: Emitter, place: int, kind: Any) -> str:
 
 def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
     """Store the results in the words after the arguments."""
-    results = separated(e, [argument_type(one) for one in procedure.results], value)
-    for i, (one, found) in enumerate(zip(procedure.results, results, strict=True)):
-        word = e.value(f"zext i1 {found} to i64") if one is FLAG else found
-        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if one is FLAG else argument_type(one))
+    results = separated(e, [argument_type(kind) for kind in procedure.results], value)
+    for i, (kind, result) in enumerate(zip(procedure.results, results, strict=True)):
+        word = e.value(f"zext i1 {result} to i64") if kind is FLAG else result
+        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if kind is FLAG else argument_type(kind))

@@ -21,14 +21,14 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
     table, rest = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
-    unknown, found = bool(np.isnan(parameters).any()), []
+    unknown, inverses = bool(np.isnan(parameters).any()), []
     for plan in (stage.plan for stage in program.stages if not stage.plan.moving):
         matrix, rest = symmetric(plan, rest), rest[len(plan.triangle) :]
         whole = np.full_like(matrix, np.nan) if unknown else np.zeros_like(matrix)
         for block in () if unknown else plan.blocks:
             whole[np.ix_(block, block)] = inverse(matrix[np.ix_(block, block)])
-        found.append(whole)
-    return table, found
+        inverses.append(whole)
+    return table, inverses
 
 
 def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
@@ -49,10 +49,10 @@ def inverse(matrix: FloatArray) -> FloatArray:
     diagonal = np.abs(np.diag(matrix))
     units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
     try:
-        found = np.linalg.inv(matrix * units[:, None] * units)
+        inverse = np.linalg.inv(matrix * units[:, None] * units)
     except np.linalg.LinAlgError as error:
         raise SingularMassMatrix from error
-    if not np.isfinite(found).all() or np.abs(found).max() > 1 / PIVOT:
+    if not np.isfinite(inverse).all() or np.abs(inverse).max() > 1 / PIVOT:
         raise SingularMassMatrix
     with np.errstate(all="ignore"):  # what overflows is infinite, and the run says so
-        return np.asarray(found * units[:, None] * units)
+        return np.asarray(inverse * units[:, None] * units)

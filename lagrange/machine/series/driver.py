@@ -48,8 +48,8 @@ class SeriesDriver:
         """Continue with other parameters (k,) and sides of switching surfaces, joined to one array (k + sides,)."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
-            made = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
-            self._call.give(projection=made.function, projection_numbers=made.numbers)
+            callback = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
+            self._call.give(projection=callback.function, projection_numbers=callback.numbers)
         numbers, sizes = code.joined(parameters, None if memory is None else memory.values)
         if memory is None or not memory.surfaces:
             if memory is not None:
@@ -80,8 +80,8 @@ class SeriesDriver:
         self.use(self._parameters)
         if memory.resets is not None:
             self._resets = code.load(memory.resets.program)
-            made = code.callback(self._resets, memory.parameters)
-            self._call.give(resets=made.function, reset_numbers=made.numbers)
+            callback = code.callback(self._resets, memory.parameters)
+            self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
         """Set the compensation of rounding errors to zero, because the state has jumped."""

@@ -105,10 +105,10 @@ class NumpySeries(Shared):
     ) -> FloatArray:
         """Return the scaled coefficients at the state y + low, where `low` is below rounding; see `Series`."""
         with np.errstate(all="ignore"):
-            found = self._jet(parameters).coefficients(t, y, order, scale, low)
+            coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
             zero = np.zeros(order + 1)
-            watched = [zero if i is None else found[:, i] for i in self.program.watched]
-            rows: FloatArray = np.column_stack([found[:, : self.program.states], *watched])
+            watched = [zero if i is None else coefficients[:, i] for i in self.program.watched]
+            rows: FloatArray = np.column_stack([coefficients[:, : self.program.states], *watched])
             return rows
 
     def _jet(self, parameters: FloatArray) -> Jet:
@@ -173,10 +173,10 @@ def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[...
     def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:
         state = np.frombuffer(y, count=2 * series.program.states).reshape(2, -1)
         try:
-            found = series.rows(order, t, state[0], scale, parameters, state[1])
+            coefficients = series.rows(order, t, state[0], scale, parameters, state[1])
         except SingularMassMatrix:
             return True
-        rows[: found.size] = found.reshape(-1).data
+        rows[: coefficients.size] = coefficients.reshape(-1).data
         return False
 
     return jet

@@ -207,9 +207,9 @@ class CompiledJet:
             return known[1]
         prepared = self._numbers.array(parameters, *constants(self.program, parameters))
         self._prepare(address(prepared))
-        found = prepared, np.zeros(1)
-        self._prepared = (key, found)
-        return found
+        numbers = prepared, np.zeros(1)
+        self._prepared = (key, numbers)
+        return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
         """Return `p`, `c` and the numbers of the kernel of event functions in one array, with the length of each."""
@@ -248,4 +248,4 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
     elif called:
         linear_solver(often=False)
     functions = [procedure_ir(prepare, outside=(prepare,), quickly=True), procedure_ir(jet, outside=(jet,))]
-    return module_ir(functions, [declaration(one) for one in called])
+    return module_ir(functions, [declaration(callee) for callee in called])

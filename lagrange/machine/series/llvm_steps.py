@@ -49,8 +49,8 @@ def link_events(*, well: bool) -> None:
 def _events(well: bool) -> Module:
     """Compile the procedures of events and register their addresses under their names."""
     reached = transitive_callees(event_procedures())
-    texts = [function(one, hidden=one not in event_procedures(), merged=not one.apart) for one in reached]
-    made = Module(joined(texts), merge=well, quickly=not well)
-    for one in event_procedures():
-        llvm.add_symbol(one.name, made.address(one.name))
-    return made
+    texts = [function(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
+    module = Module(joined(texts), merge=well, quickly=not well)
+    for procedure in event_procedures():
+        llvm.add_symbol(procedure.name, module.address(procedure.name))
+    return module

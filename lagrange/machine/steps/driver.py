@@ -46,13 +46,13 @@ class StepDriver:
             ("projection", projection, "projection_numbers"),
         ):
             if corrections is not None:
-                made = machine.callback(corrections, parameters)
-                self._call.give(**{name: made.function, numbers: made.numbers})
+                callback = machine.callback(corrections, parameters)
+                self._call.give(**{name: callback.function, numbers: callback.numbers})
         self._call.give(effort=self._record(EFFORT, layout.effort))
         self._newtons = [self._record(NEWTON, solve.flags) for solve in layout.solves]
         self._starters = [] if step.starter is None else self._starting(layout)
-        self._call.give(**{f"newtons_{i}": one for i, one in enumerate(self._newtons)})
-        self._call.give(**{f"starters_{i}": one for i, one in enumerate(self._starters)})
+        self._call.give(**{f"newtons_{i}": record for i, record in enumerate(self._newtons)})
+        self._call.give(**{f"starters_{i}": record for i, record in enumerate(self._starters)})
         self._budget: int | None = None
         """The budget of calls without rows, None if the arguments of the loop may be others."""
         self._state: DriverState | None = None
