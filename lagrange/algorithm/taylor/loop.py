@@ -78,8 +78,7 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
         return Outcome.SINGULAR
     begins = (counts.steps == 0 or taylor.rescalings != 0) and counts.surveyed == 0
     if unlikely(begins and run.share > 0.0):
-        # Floors of entries that are zero, at the start and after a change of the time scale, until their sizes are
-        # estimated.
+        # Floors of entries that are zero, at the start and after a change of the time scale, until sizes are known.
         is_blind = first_floors(run.share, given.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:

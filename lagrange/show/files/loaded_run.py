@@ -50,7 +50,11 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
         with zipfile.ZipFile(file) as archive:
             _check_sizes([info.file_size for info in archive.infolist()], path, most)
         with np.load(file, allow_pickle=False) as arrays:
-            return dict(arrays)
+            known = dict(arrays)
+        for name, value in known.items():
+            if not isinstance(value, np.ndarray):
+                raise ValueError(f"{name} is not an array")
+        return known
     except StatementError:
         raise
     except OSError as error:

@@ -56,7 +56,7 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     variable = expression(argument, "the argument of the table")
     if not variable.free_symbols:
         raise StatementError(
-            f"the argument of the table is {formula(variable, 40)}, a number: give an expression, such as a coordinate."
+            f"the argument of the table is {shown(argument, 40)}, a number: give an expression, such as a coordinate."
         )
     if variable.is_extended_real is False:
         raise StatementError(
