@@ -13,7 +13,7 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, formula
+from lagrange.errors import StatementError, formula, shown
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression, real_array
 
