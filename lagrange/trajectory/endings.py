@@ -1,4 +1,4 @@
-"""Detect and explain ends of runs: lost inertia, dependent constraints, ends of tables, points without a motion."""
+"""Detect and explain ends of runs: zero inertia, dependent constraints, ends of tables, points without a motion."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ shows whether the equations have a value there.
 
 
 def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
-    """Return the right-hand side (2n,) a little ahead in a run of a length; ones for a singular mass matrix.
+    """Return the right-hand side (2n,) after one small step along the slope; ones if the mass matrix is singular.
 
-    Near the edge of the domain of a root or a logarithm, steps become small before anything is NaN.
+    The step is a fraction of `length`, the duration of the run. Near the edge of the domain of a root or a logarithm,
+    accepted steps become small before any value is NaN, while the value after this step is NaN.
     """
     kernel, h = model.kernel("rhs"), DOMAIN_PROBE * length
     with np.errstate(all="ignore"):
@@ -52,7 +53,7 @@ to the centre of polar coordinates its share is zero.
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) because a motion has lost its inertia, else ""."""
+    """Return the message for a run that ends at a state (2n,) because a motion has no inertia left, else ""."""
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
         return _lost_rank(problem, t, y)
@@ -78,7 +79,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends because constraints become dependent or inertia is lost, else ""."""
+    """Return the message for a run that ends because constraints become dependent or no inertia is left, else ""."""
     here = regularity(problem.model, problem.parameter_array, (problem.t0, problem.y0), (t, y))
     return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
 
@@ -86,7 +87,8 @@ def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
 def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
     """Return the message for a run that ends at a state (2n,) with nearly singular constraints or inertia.
 
-    `share` is the least singular value relative to the start. `found` has the constraints or the motion.
+    `share` is the least singular value of G or M relative to the start. `found` has the dependent constraints, or the
+    motion without inertia.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
@@ -107,7 +109,7 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) where motions cross, and errors would choose one."""
+    """Return the message for a run that ends at a state (2n,) where two motions cross, and errors would choose one."""
     state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     names = problem.model.equations.constraints.names
     return (
@@ -117,7 +119,10 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
-    """Return True if the acceleration at a state is mostly along `null` (n,), in the metric (n,) of the inertia."""
+    """Return True if the acceleration at a state is mostly along the direction `null` (n,).
+
+    `metric` (n,) has the weights of the entries, their inertia.
+    """
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
     except SingularMassMatrix:
@@ -166,7 +171,10 @@ is a point at which the least singular value of the constraints is below this fr
 def until_dependent(
     problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
 ) -> Trajectory:
-    """Return a run, cut before the first configuration after which rounding errors decide its motion."""
+    """Return the run `found`, cut before the first configuration after which rounding errors decide its motion.
+
+    `accepted` has the times (S+1,) and states (S+1, 2n) of its accepted steps.
+    """
     times, states = accepted
     stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
     passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)
@@ -178,10 +186,10 @@ def until_dependent(
 
 
 def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
-    """Return a run cut at the last state before a discontinuity of its constraints.
+    """Return the run `found`, cut at the last state before the discontinuity `passed` of its constraints.
 
-    A step of a `series` that ends there is kept: it is the motion up to the discontinuity, even if the projection moves
-    its end.
+    If the steps are `series`, a step that ends at the discontinuity is kept: it is the motion up to there, even if the
+    projection moves its end.
     """
     steps = found.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
@@ -217,7 +225,7 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 def _shortened(
     problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
 ) -> Trajectory:
-    """Return a run cut at a time and a state, with the status SINGULAR and a `detail`."""
+    """Return the run `found` cut at `end`, a time and a state, with `steps` steps, status SINGULAR and a `detail`."""
     t, y = end
     told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
     return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)
@@ -262,7 +270,7 @@ def _coincide(times: Sequence[FloatArray]) -> bool:
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
-    """Return the index of the first contact that the motion passed at some of its zeros only, or None."""
+    """Return the first event of `contacts` that reset the motion at some zeros but let it pass at others, or None."""
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     t, y = _between_impacts(trajectory, contacts, forward)
     nodes = tuple(model.equations.translate(problem.events[i].expression) for i in contacts)
@@ -284,7 +292,7 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
 
 
 def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
-    """Return the output times and midpoints between impacts, (k,), and the states there, (2n, k)."""
+    """Return times (k,) between impacts, the outputs and the midpoints, and the states (2n, k) at these times."""
     impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
     t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:

@@ -29,7 +29,10 @@ State = tuple[float, FloatArray]
 
 
 def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
-    """Return the least singular value of M and G at a state, relative to the start, and its matrix; None if unknown."""
+    """Return the least singular value of M or G at `here`, relative to `start`, and what is nearly singular there.
+
+    Returns None if a value is not finite.
+    """
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
@@ -49,7 +52,7 @@ class Approach:
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
-        """Return the regularity of a run that ends near a singular state, and the singular matrix; else None."""
+        """Return the result of `regularity` if the run approaches a singular state and should end here, else None."""
         steps = int(state.integers[DriverState.STEPS])
         if steps < self.next_test:
             return None

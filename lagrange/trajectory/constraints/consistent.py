@@ -52,7 +52,10 @@ def _label(symbol: Any) -> str:
 def consistent(
     model: Model, initial: Mapping[Any, Any] | None, hold: Any, parameters: Mapping[Any, Any] | None, t: float
 ) -> Consistent:
-    """Return the nearest state on the constraints, with the user's symbols, for `System.consistent`."""
+    """Implement `System.consistent`: return the state on the constraints that is nearest to `initial`.
+
+    The coordinates and velocities in the list `hold` keep their values.
+    """
     statement = model.statement
     time = real_number(t, "the time t")
     start = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
@@ -69,7 +72,7 @@ def consistent(
 
 
 def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
-    """Return the rows of the state that stay fixed. `hold` is a list of coordinates and velocities."""
+    """Return the indices in the state (2n,) of the coordinates and velocities in the list `hold`."""
     rows, listed = state_rows(coordinates), entries(hold, "hold")
     names = [label for label in rows if isinstance(label, str)]
     if listed is None:
@@ -143,7 +146,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
 
 
 def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
-    """Return a warning for a run of a duration that ends at a state (2n,) off the constraints, else ""."""
+    """Return a warning if the last state y (2n,) of a run of length `duration` violates the constraints, else ""."""
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
     if corner is not None:
@@ -163,7 +166,7 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
-    """Return a note for a run whose initial state was moved onto the constraints, else ""."""
+    """Return a note if the initial state `before` (2n,) was moved onto the constraints, to `after`; else ""."""
     entered = model.layout.v.start + np.array(model.equations.first_order, dtype=int)
     changes = np.abs(after - before)
     changes[entered[before[entered] == 0.0]] = 0.0
@@ -177,10 +180,10 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
 
 
 def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
-    """Return True if coordinates satisfy the constraints, and their velocities violate them by rounding only.
+    """Return True if the coordinates satisfy the constraints, and the velocities violate them by rounding only.
 
-    Such velocities move no coordinate by more than rounding in the duration. In a structure that cannot move, all
-    velocities are rounding errors, and so are the terms that contain them.
+    During `duration` such velocities move no coordinate by more than rounding. In a structure that cannot move, all
+    velocities are rounding errors, and so are all terms that contain velocities.
     """
     units, q = units_of(at.metric(y)), y[at.model.layout.q]
     places = at.residuals.of_positions(at.t, y, at.parameters, units)

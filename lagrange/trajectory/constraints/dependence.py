@@ -72,9 +72,9 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return True if the rows of G are independent at a state, and not much smaller than at a nearby one.
+    """Return True if the rows of G are independent at a state, and not much smaller than at a nearby state.
 
-    This takes 0.02 ms for a four-bar linkage. `dependence_around` takes 0.8 ms, and decides the remaining states.
+    This quick test takes 0.02 ms for a four-bar linkage. If it fails, `dependence_around` decides, in 0.8 ms.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()
@@ -107,7 +107,10 @@ def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Sing
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a row of G that is much smaller on the surface than off it, as for a squared constraint, or None."""
+    """Return a row of G that is much smaller at `on`, a state on the constraints, than at the state `off`, or None.
+
+    This happens for a squared constraint, such as x**2 = 0.
+    """
     before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
     which = np.flatnonzero(here < VANISHING_RATIO * before)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None

@@ -85,7 +85,10 @@ class Discontinuities:
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
-        """Return a message on a discontinuity that a state (2n,) reaches within two steps or very soon, else ""."""
+        """Return a message if a motion along the slope at a state (2n,) soon meets a discontinuity, else "".
+
+        The search extends over two steps, or over a small fraction of the run if `step` is 0.
+        """
         h = 2 * step if step else SEARCH_AHEAD * self.span
         try:
             slope = self.model.kernel("rhs")(t, y, self.parameters)
@@ -97,7 +100,10 @@ class Discontinuities:
         return "" if discontinuity is None else discontinuity.what
 
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first surface at which a constraint jumps: the row before it, part of the step, and a message."""
+        """Return the first surface at which a constraint jumps, or None.
+
+        The result is the index of the state before the surface, the fraction of the step, and a message.
+        """
         g = self.residuals.surfaces(times, states.T, self.parameters)
         begins, ends = g[:, :-1], g[:, 1:]
         reached = np.abs(ends) <= ON_SURFACE * np.abs(begins)
@@ -117,7 +123,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for a constraint that is discontinuous at a surface; `which` numbers phi, then psi."""
+        """Return the message for a discontinuity at a surface. `which` is the index of the constraint in `labels`."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -134,7 +140,10 @@ class Discontinuities:
     def _zeros(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], surfaces: NDArray[np.intp]
     ) -> FloatArray:
-        """Return the fractions at which surfaces are zero on the chords from the `rows` to the next rows."""
+        """Return for each pair of a step and a surface the fraction of the step at which the surface is zero.
+
+        Step i begins at the state with index `rows[i]`. The states between are on the chord to the next state.
+        """
         columns = np.arange(len(rows))
 
         def values(parts: FloatArray) -> FloatArray:
@@ -154,7 +163,10 @@ class Discontinuities:
     def _jumping(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
     ) -> NDArray[np.bool_]:
-        """Return for each step and each of phi, then psi and G of each constraint, True if it jumps at the fraction."""
+        """Return a mask (p + m, steps) of the constraints that jump at the fractions `parts` of steps.
+
+        The first p rows are for values phi. The other m rows are for values psi and their gradients G.
+        """
         before, near, behind, far = (
             _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
             for share in (-2, -1, 1, 2)
@@ -164,7 +176,10 @@ class Discontinuities:
             return over > CONTINUOUS * beside + CHANGE_NOISE
 
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first step on which a row of G that depends on velocities is zero, in the form of `_switched`."""
+        """Return the first step on which a row of G that depends on velocities becomes zero, or None.
+
+        The result has the same three entries as that of `_switched`.
+        """
         if not len(self.turning):
             return None
         g = self.residuals.gradients(times, states.T, self.parameters)[self.turning]
@@ -182,7 +197,7 @@ class Discontinuities:
         return None
 
     def _holds_between(self, times: FloatArray, states: FloatArray, part: float, constraint: int) -> bool:
-        """Return True if a constraint holds on the chord of a step, relative to its terms at the ends."""
+        """Return True if a constraint holds at the fraction `part` of a step, relative to its terms at both ends."""
         t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
         values, sizes = self.residuals.of_many(t, y, self.parameters)
         row = self.residuals.places + constraint
@@ -191,9 +206,10 @@ class Discontinuities:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The constraints at k states, as distances: phi and psi (p + m, k), their terms, and unit rows of G (m, n, k).
+    """The constraints at k states: `values` phi and psi (p + m, k), `sizes` of their terms, and `rows` of G (m, n, k).
 
-    With unit rows a constraint that is only scaled on one side of a surface is the same on both sides.
+    All are divided by the lengths of the rows of G. So a constraint that is only multiplied by a factor on one side of
+    a surface is the same on both sides.
     """
 
     values: FloatArray
@@ -213,7 +229,7 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], places)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the changes of phi, then of psi or G, from these states to `other`, relative to their terms."""
+        """Return the changes (p + m, k) of phi, then of psi or G, from these states to `other`, relative to terms."""
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
         signs = np.concatenate([signs[self.places], signs])
@@ -253,6 +269,9 @@ def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
 def _chord(
     times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) and states (2n, k) at fractions of the chords from the `rows` to the next rows."""
+    """Return times (k,) and states (2n, k) at the fractions `parts` (k,) of straight lines between successive states.
+
+    The lines begin at the states with the indices `rows` (k,).
+    """
     t = times[rows] + parts * (times[rows + 1] - times[rows])
     return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

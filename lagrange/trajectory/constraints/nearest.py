@@ -34,7 +34,7 @@ NEAREST = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of a surface at a point (k,): m values that are zero on it, their gradients (m, k), and their sizes.
+    """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
 
     `terms` are the sizes of the terms that cancel in each value. `sizes` are the larger of the terms and of the
     gradient times the sizes of the entries. Rounding of the entries changes a value by the rounding of its size.
@@ -67,7 +67,7 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the nearest point and its residuals. If Newton's method does not converge, it is the last iterate."""
+        """Return the nearest point and its residuals; the last iterate if Newton's method does not converge."""
         x, residuals = self.restored(start)
         if residuals.largest > ON_SURFACE:
             return x, residuals
@@ -108,7 +108,7 @@ class Nearest:
         return x, residuals
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d with G d = right that is closest to `towards`; zero if it overflows."""
+        """Return the displacement d with G d = `right` that is closest to `towards`; zero if d overflows."""
         free, n = self._free, len(self._free)
         gradient = found.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])

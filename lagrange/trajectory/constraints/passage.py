@@ -1,9 +1,10 @@
-"""Detect runs over a configuration with dependent constraints whose further motion was decided by rounding.
+"""Detect runs in which rounding decided the motion after a configuration with dependent constraints.
 
-Two motions may cross at such a configuration: a parallelogram linkage continues as one, or with crossed rods. A long
-step over the crossing follows the smooth motion; short steps towards it do not. A violation e of the constraints, from
-rounding and the tolerance, separates the two motions by sqrt(e), and decides which of them the run follows. At a least
-singular value s of the constraints, relative to the start, it changes velocities by the fraction e / s**2.
+Two motions may cross at such a configuration. For example, a parallelogram linkage continues as a parallelogram, or
+with crossed rods. A long step over the crossing follows the smooth motion, but short steps towards the crossing may
+not. The constraints are violated by some e, from rounding and the tolerance. Near the crossing the two motions are
+only sqrt(e) apart, so e decides which of them the run follows. Where s is the least singular value of the constraints
+relative to the start, the violation e changes velocities by the fraction e / s**2.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ State = tuple[float, FloatArray]
 
 
 class StatesPassed:
-    """The last accepted states of a motion, at most two times `STEPS_PER_LOOK`, and the state before them."""
+    """The last accepted states of a motion, at most 2 * `STEPS_PER_LOOK`, and the state before these."""
 
     def __init__(self, dimension: int) -> None:
         # There are spare rows, because drivers write whole blocks.
@@ -70,7 +71,7 @@ class StatesPassed:
         self._all = self._times[1:], self._states[1:]
 
     def begin(self, start: State) -> None:
-        """Begin a motion at a time and state, without steps."""
+        """Discard all states, and begin a motion at the time and state `start`."""
         self._times[0], self._states[0] = start
         self._count = 1
 
@@ -86,7 +87,10 @@ class StatesPassed:
         return self._times[self._count :], self._states[self._count :]
 
     def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
-        """Return True if rounding decided the motion within the last `written` states, by `dependent_passage`."""
+        """Count `written` new states, and return True if rounding decided the motion on the stored states.
+
+        `start` is the start of the motion. The test is `dependent_passage`.
+        """
         self._count += written
         if self._count <= FIRST_STEPS + 2:
             return False
@@ -104,11 +108,12 @@ def dependent_passage(
     *,
     stopped: bool = False,
 ) -> tuple[int, Singular] | None:
-    """Return the last row before constraints are dependent, and which ones, or None. Rows are (S+1,), (S+1, 2n).
+    """Find the first state at which constraints are dependent, so that rounding decides the motion after it.
 
-    The constraints are dependent at a row among series of short steps; the first such row counts. The result is the
-    last row before it whose velocities are known to sqrt(rtol). `start` is the start of the motion if it is not the
-    first row. In a motion that has `stopped`, only rows that it moved away from count: it may end at the last one.
+    `times` (S+1,) and `states` (S+1, 2n) are accepted states. Only series of short steps are searched. Returns the
+    index of the last earlier state whose velocities are known to sqrt(rtol), and the dependent constraints, or None.
+    `start` is the start of the motion if it is not the first state. If the run has `stopped`, a state counts only if
+    the motion moved away from it: a run may end where constraints are dependent.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
@@ -133,7 +138,7 @@ def dependent_passage(
 
 
 def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
-    """Return for each series of short steps, in order, the row before its shortest step, and its range of rows.
+    """Return, for each series of short steps, the index of the state before the shortest step, and the range of states.
 
     `sizes` are the lengths of all steps except the first `FIRST_STEPS` and the last.
     """
@@ -147,15 +152,15 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
 
 
 def _few(rows: range) -> list[int]:
-    """Return at most `ROWS_AT_ONCE` of the rows, equally spaced."""
+    """Return at most `ROWS_AT_ONCE` of the indices `rows`, equally spaced."""
     return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
 
 
 class Nearness:
-    """The least singular value of G at states, relative to that of the motion.
+    """Computes the least singular value of G at states, relative to a reference value of the motion.
 
     The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
-    dependent constraints. The rows of G are scaled by their largest lengths at these states.
+    dependent constraints. The rows of G are scaled by their largest lengths at these three states.
     """
 
     def __init__(
@@ -184,9 +189,9 @@ class Nearness:
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
     def at(self, times: FloatArray, states: FloatArray, rows: list[int]) -> FloatArray:
-        """Return the relative least singular value at the given `rows` of times and states, or infinity.
+        """Return the relative least singular values at the states with indices `rows`; infinity if G is not finite.
 
-        The arrays are times (S+1,) and states (S+1, 2n).
+        `times` is (S+1,), `states` is (S+1, 2n).
         """
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
         finite = np.isfinite(matrices).all(axis=(1, 2))
@@ -197,9 +202,9 @@ class Nearness:
         return values
 
     def nearest(self, times: FloatArray, states: FloatArray, series: range) -> int:
-        """Return the row of a series with the least value.
+        """Return the index of the state in the range `series` at which the relative singular value is least.
 
-        The value decreases towards a crossing and increases after it.
+        The search assumes that the value decreases towards a crossing and increases after it.
         """
         while True:
             rows = _few(series)
@@ -211,13 +216,13 @@ class Nearness:
             )
 
     def last_known(self, times: FloatArray, states: FloatArray, row: int, rtol: float) -> int:
-        """Return the last row up to `row` where an error rtol of the constraints changes velocities by sqrt(rtol)."""
+        """Return the last index up to `row` at which a violation rtol changes velocities by sqrt(rtol) at most."""
         while row > 0 and self.at(times, states, [row])[0] < rtol**0.25:
             row -= 1
         return row
 
     def found(self, t: float, y: FloatArray) -> Singular | None:
-        """Return the most dependent combination of constraints at a state (2n,), with scaled rows, or None."""
+        """Return the most dependent combination of constraints at a state (2n,); None if G is not finite."""
         unit = np.eye(self._longest.shape[1])
         here = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, here, scales(unit, self._longest))

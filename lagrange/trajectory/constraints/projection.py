@@ -82,7 +82,7 @@ class Projection:
         return np.where(alone & (y == 0.0), completed_state, y)
 
     def _beside_rest(self, rows: NDArray[np.int_], y: FloatArray) -> FloatArray | None:
-        """Return the same result, with the solution started from small nonzero velocities.
+        """Solve for the velocities in `rows` as `completed` does, but from nonzero initial guesses, 1 and -1.
 
         Equations such as 1 - e = abs(e.dot)*e.dot have no slope at rest. The result is None if there are several
         solutions.
@@ -92,7 +92,7 @@ class Projection:
         return ends[0] if ends and np.allclose(ends[0], ends[-1], rtol=TYPED_ROUNDING, atol=0.0) else None
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with the entries in `rows` solved from the others, or None if these do not determine them."""
+        """Return a state with the entries `rows` computed from all others; None if the others do not determine them."""
         alone = np.zeros(len(y), dtype=bool)
         alone[list(rows)] = True
         return _only(self, alone).reached(y)
@@ -133,7 +133,7 @@ class Projection:
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
         """Return the nearest state on the constraints, or None if none is found.
 
-        Without `nearest` it is some state close by, which takes a tenth of the time.
+        If `nearest` is False, return some close state instead, which takes a tenth of the time.
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
@@ -147,7 +147,7 @@ class Projection:
     ) -> tuple[FloatArray, Residuals]:
         """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
 
-        If the search fails, it is the last iterate. The second result are its residuals.
+        The second result has the residuals at this state. If the search fails, the state is the last iterate.
         """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
@@ -161,7 +161,10 @@ class Projection:
         return moved(point), residuals
 
     def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
-        """Raise StatementError if a constraint has no value, or no derivative, at a state."""
+        """Raise StatementError if a constraint has no value, or no derivative, at a state.
+
+        `part` is 0 for constraints on coordinates, 1 for constraints on velocities.
+        """
         all_stated, corner = self.residuals.stated, self.residuals.at_corner(self.t, y, self.parameters)
         if corner is not None:
             raise StatementError(self._not_differentiable(all_stated[corner], y))
@@ -195,7 +198,7 @@ class Projection:
         return [constraint for constraint in self.residuals.stated if part or constraint.holonomic]
 
     def _values(self, found: Residuals, rows: list[int], part: int) -> str:
-        """Return the text of the values of the constraints in `rows`."""
+        """Return a text with the values of the constraints `rows` on coordinates (part 0) or velocities (part 1)."""
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
@@ -257,13 +260,13 @@ class Projection:
 
 
 def _far(found: Residuals) -> list[int]:
-    """Return the rows whose residual exceeds the rounding of typed numbers, or is not finite."""
+    """Return the indices of residuals that exceed the rounding of typed numbers, or are not finite."""
     near = np.abs(found.values) <= np.maximum(TYPED_ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
 
 
 def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
-    """Return the projection that moves only some entries of the state."""
+    """Return the projection that moves only the entries of the state in the mask `moving` (2n,)."""
     fixed = np.flatnonzero(~moving).tolist()
     return Projection(projection.model, projection.t, projection.parameters, fixed)
 

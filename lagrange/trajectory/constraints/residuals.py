@@ -24,10 +24,11 @@ CORNER = 1e-4
 
 
 class ConstraintResiduals:
-    """The constraints of one model as functions of the state: m on velocities, p of which come from positions.
+    """The constraints of one model as functions of the state: phi on positions (p,), and psi on velocities (m,).
 
-    The size of a constraint on velocities is that of its terms. For a constraint on positions it is at least the
-    gradient times the largest entry, since the only term of y = 0 is y itself.
+    psi has the time derivatives of phi, and the constraints that are stated in velocities. The size of a constraint on
+    velocities is the size of its terms. The size of a constraint on positions is at least the gradient times the
+    largest entry, since the only term of y = 0 is y itself.
     """
 
     def __init__(self, model: Model) -> None:
@@ -63,9 +64,9 @@ class ConstraintResiduals:
         self._surfaces = _kernel(model, surfaces) if surfaces else None
 
     def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-        """Return True if a state satisfies the constraints up to rounding, and is not at one of their corners.
+        """Return True if a state satisfies the constraints up to rounding, and is not at a corner of a constraint.
 
-        The tolerance is relative to the terms alone.
+        The tolerance is relative to the terms of each constraint.
         """
         if self._corners is not None and self.at_corner(t, y, parameters) is not None:
             return False
@@ -106,13 +107,19 @@ class ConstraintResiduals:
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of the constraints on positions, as functions of the coordinates."""
+        """Return the residuals of the constraints on positions, with gradients by the coordinates.
+
+        `units` (n,) are the scales of `units_of`.
+        """
         values, terms = self._of(t, y, parameters)
         rows, part = self.gradient(t, y, parameters)[self.holonomic], slice(0, self.places)
         return _residuals(values[part], rows, terms[part], y[self._layout.q], units)
 
     def of_velocities(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of all constraints on velocities, as functions of the velocities."""
+        """Return the residuals of all constraints on velocities, with gradients by the velocities.
+
+        `units` (n,) are the scales of `units_of`.
+        """
         values, terms = self._of(t, y, parameters)
         rows, part = self.gradient(t, y, parameters), slice(self.places, None)
         return _residuals(values[part], rows, terms[part], y[self._layout.v], units)
@@ -151,7 +158,7 @@ def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def units_of(metric: FloatArray) -> FloatArray:
-    """Return the scales of displacements of coordinates: square roots of their inertia, 1 without inertia."""
+    """Return scales (n,) of displacements: the square root of each coordinate's inertia, 1 without inertia."""
     sizes = np.abs(np.diag(metric))
     return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
 
@@ -159,10 +166,10 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return the residuals `values`, with gradients `rows`, their terms, and the sizes by which they are judged.
+    """Return the record of residuals `values` with gradients `rows` and `terms`, and compute their `sizes`.
 
-    A size is the larger of the terms of a value and its change if the entries of the state change by rounding. Entries
-    times `units` are comparable: each may be wrong by the rounding of the largest.
+    A size is the larger of the terms of a value and of its change if the `entries` of the state change by rounding.
+    Entries times `units` are comparable: each may be wrong by the rounding of the largest.
     """
     largest = np.abs(units * entries).max(initial=0.0)
     # A gradient that is not finite is refused later, in a message with the constraint's name.

@@ -44,7 +44,7 @@ LONGEST = 2_000
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """Impacts without friction as resets: one for each contact, or None if it is not written out.
+    """Impacts without friction as resets of events: `resets` has one for each contact, None if it is not written out.
 
     `kernel` returns, for each contact, the impulse, the energy lost and the impact speed at a state.
     """
@@ -54,7 +54,7 @@ class WrittenImpacts:
 
 
 def written_impacts(model: Model) -> WrittenImpacts | None:
-    """Return the impacts written out, or None for systems with constraints, friction or many coupled coordinates."""
+    """Return the impacts of a model as formulas; None with constraints, friction or many coupled coordinates."""
     statement = model.statement
     if statement.constraints or any(each.slip and not each.friction[0].is_zero for each in statement.contacts):
         return None
@@ -88,7 +88,10 @@ def response_of(mass: Any, direction: Any) -> Any:
 
 
 def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) -> tuple[dict[Any, Any], Any, Any, Any]:
-    """Return the state after an impact with a gap of zero, its impulse, its energy loss, and its speed."""
+    """Return the reset of an impact of the contact `each`, with its impulse, energy loss and speed, as expressions.
+
+    `q` are the coordinates, `rates` the velocities, and `mass` is the mass matrix. The reset closes the gap exactly.
+    """
     direction = sympy.Matrix([each.gap.diff(x) for x in q])
     speed = -sympy.Add(partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
     response = response_of(mass, direction)
@@ -110,9 +113,10 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
 
 
 class Bounces:
-    """Impacts since the last one that was at least as strong, to recognise an accumulation of infinitely many.
+    """The present series of impacts with ever shorter flights between them, which may accumulate at a finite time.
 
-    `times` and `speeds` (k,) are those of these impacts. `contacts` are the contacts of each of the last ones.
+    `times` and `speeds` (k,) are those of the impacts in the series. `contacts` are the contacts of each of the last
+    `FEWEST_FLIGHTS` impacts.
     """
 
     def __init__(self) -> None:
@@ -124,7 +128,7 @@ class Bounces:
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Record impacts with `times` and `speeds` (k,), and the `contacts` of the last ones.
+        """Record impacts with `times` and `speeds` (k,), and the sets `contacts` of the last impacts.
 
         A flight that is not shorter than the previous one begins a new series.
         """
@@ -137,8 +141,8 @@ class Bounces:
     def most(self, restitutions: Sequence[float | None]) -> int:
         """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
 
-        After so many impacts, a falling ball is not much below `SMALLEST_BOUNCE`. `restitutions` are those of the
-        contacts, None if it depends on the speed.
+        The number is chosen so that the relative speed of a bouncing ball decreases to about `SMALLEST_BOUNCE`.
+        `restitutions` has the value of each contact, None if it depends on the speed.
         """
         constants = [e for e in restitutions if e is not None and e > 0]
         weakest = min(constants, default=1.0)
@@ -149,7 +153,7 @@ class Bounces:
 
     @property
     def end(self) -> float | None:
-        """The time at which the impacts accumulate, from the ratio of the last flights; None if they do not."""
+        """The time at which the impacts accumulate, from the ratio of the last flights; None if they do not yet."""
         few = not len(self.speeds) or self.speeds[-1] > SMALLEST_BOUNCE * self.speeds.max()
         return None if few else self.limit
 

@@ -122,7 +122,7 @@ def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArr
 
 
 def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) -> bool:
-    """Return True if two solutions have the same rates."""
+    """Return True if two solutions have the same rates, up to rounding."""
     return bool((np.abs(one.rates - other.rates) <= 10 * _noise(matrix, bias, one.forces)).all())
 
 
@@ -147,10 +147,11 @@ def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bo
 
 
 class _Rows:
-    """The rows of the contacts: the `contact` of each, (rows,), and True for rows `along` the surface, (rows,).
+    """The rows of the complementarity problem of k contacts: a normal row for each contact, then its friction rows.
 
-    `normals` (k,) are the rows of the normal components. `members` (rows, k) is True for the rows along each contact.
-    `static` and `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already.
+    `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
+    are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
+    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -164,13 +165,16 @@ class _Rows:
         self.slides = np.array([each.way is not None for each in contacts])
 
     def directions(self, values: FloatArray) -> FloatArray:
-        """Return unit vectors along each surface in the direction of values (C, rows); zero for values of zero."""
+        """Return unit vectors (C, rows) along the friction rows of `values` (C, rows), separately for each contact.
+
+        C is the number of combinations of contact states. Other rows, and rows of a zero vector, are zero.
+        """
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
 
 
 def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
-    """Yield the combinations of states that obey all laws, those with the fewest sliding contacts first."""
+    """Yield the combinations of contact states that obey all laws, in order of the number of sliding contacts."""
     rows = _Rows(contacts)
     chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
     chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
@@ -212,7 +216,7 @@ def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list
 
 
 def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
-    """Return directions (C, rows) opposite to the forces that would hold all surfaces, to start the iteration."""
+    """Return first guesses (C, rows) of the sliding directions: opposite to forces that would hold all surfaces."""
     forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
     first = np.zeros(len(bias))
     first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
@@ -224,10 +228,10 @@ def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArr
 def _forces(
     matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return forces and rates (C, rows) for states (C, k) and directions (C, rows) of sliding, and a mask (C,).
+    """Return forces and rates (C, rows) for C combinations of states (C, k) and sliding directions `ways` (C, rows).
 
-    Rates are zero where contacts are closed or stick. The mask is True for combinations with a solution. Contacts that
-    depend on each other share their forces; the shortest force vector is returned.
+    Rates are zero where contacts are closed or stick. The third result is a mask (C,), True for combinations with a
+    solution. If contacts depend on each other, the forces are not unique; the shortest force vector is returned.
     """
     each = states[:, rows.contact]
     active = np.where(rows.along, each == STICKING, each != OPEN)
@@ -249,7 +253,7 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,): True if forces push, rates separate, and friction is in its cone, up to rounding."""
+    """Return a mask (C,) of combinations with valid results: forces push, rates separate, friction is in its cone."""
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]
     friction = np.sqrt((forces**2) @ rows.members)

@@ -38,9 +38,10 @@ UNCOUPLED = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class WrittenFriction:
-    """The friction of the contact `which`, written out: its model, and the parameter `moment`, a short time.
+    """The friction of the contact with index `which` as a `model` with one more coordinate, the way.
 
-    `normal` is the normal force. `events` end sticking and sliding, and reset the way and the velocities.
+    `moment` is a parameter of that model, a short time. `normal` is the expression of the normal force. `events` end
+    sticking and sliding, and reset the way and the velocities.
     """
 
     which: int
@@ -50,7 +51,10 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
-        """Return a problem of the system as a problem of this model, which slides in direction `way` or sticks (0)."""
+        """Return a problem of the system as a problem of this model.
+
+        `way` is the initial direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the parameter.
+        """
         places = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, places, [way, 0.0])
         largest = None if problem.largest is None else np.insert(problem.largest, places, [1.0, 0.0])
@@ -68,7 +72,10 @@ class WrittenFriction:
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
 
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the times (k,) of changes in a run, the states before them (2n + 2, k), and the ways after (k,)."""
+        """Return the changes between sliding and sticking in the run `part`, whose last state is `last`.
+
+        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,).
+        """
         place, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[place:], part.y_events[place:])
         return times, states, np.append(states[:, row], last[row])[1:]
@@ -92,7 +99,10 @@ def plain_states(layout: StateLayout, y: FloatArray) -> FloatArray:
 
 
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
-    """Return the friction of a contact written out, or None if it is not along a line, or is coupled to the gap."""
+    """Return the friction of the contact with index `which` as a model with events, or None if that is not possible.
+
+    It is possible for friction along a line that is not coupled to the gap, with constant mass matrix.
+    """
     statement, each = model.statement, model.statement.contacts[which]
     q, rates = statement.coordinates, statement.velocities
     mass = coupling(statement)
@@ -126,7 +136,10 @@ def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Forces:
-    """A contact with its normal force and holding force; lines (rows of W and D), M^-1 lines, and their products."""
+    """A contact with its `normal` force N and holding force `hold`, F in the equations of this module.
+
+    `lines` are W and D, `responses` are M^-1 W and M^-1 D, and `sizes` are W M^-1 W^T and D M^-1 D^T.
+    """
 
     contact: Contact
     normal: Any
@@ -170,7 +183,7 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
 
 
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
-    """Return the state after a change: a slip of zero, or a small slip in direction `onwards`, on a closed gap."""
+    """Return the reset at a change: gap and gap rate become zero, and the slip zero or small in direction `onwards`."""
     each, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
     rate = partial_rate(each.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))

@@ -36,11 +36,12 @@ TIME, LOST, FRICTION = 0, 2, 3
 
 @dataclass(frozen=True, eq=False)
 class ContactHistory:
-    """The history of contacts along a run: the start of each segment, `begins` (s,), with its mode, and impacts.
+    """The history of contacts along a run: the segments, each with its mode, and the impacts.
 
-    `impacts` has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse. `rests`
-    are the times at which impacts of a contact accumulate. `rubbed` (N,) is the energy that sliding has dissipated at
-    the outputs of a run from a file; for other runs it is computed.
+    `begins` (s,) are the times at which segments begin. `impacts` has an array (k, 3 + slips) for each contact: time,
+    normal impulse, energy lost, friction impulse. `rests` has for each contact the times at which its impacts
+    accumulate. `rubbed` (N,) is the energy that sliding has dissipated up to the outputs, for a run read from a file;
+    for other runs it is computed.
     """
 
     begins: FloatArray

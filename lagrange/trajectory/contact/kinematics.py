@@ -47,12 +47,12 @@ SLOW_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """The contacts at a state. `gaps` (k,) are their gaps; all other fields have rows for gap rates and slips.
+    """The contacts at a state: their `gaps` (k,), and for each contact a row for dgap/dt, then a row for each slip.
 
-    The rows are, for each contact, dgap/dt, then its slips. Their `rates` are (rows,), their `directions` by the
-    velocities (rows, n). `bias` (rows,) are their derivatives by time at zero acceleration. A unit force along each row
-    causes the accelerations `responses` (n, rows), under the stated constraints. Gaps count as zero up to `near` (k,),
-    rates up to `noise` (rows,), and velocities up to `still` (n,).
+    `rates` (rows,) are the values of dgap/dt and the slips, `directions` (rows, n) their derivatives by the velocities,
+    and `bias` (rows,) their derivatives by time at zero acceleration. A unit force along each row causes the
+    accelerations `responses` (n, rows), under the stated constraints. Gaps count as zero up to `near` (k,), rates up to
+    `noise` (rows,), and velocities up to `still` (n,).
     """
 
     gaps: FloatArray
@@ -87,7 +87,7 @@ def contact_function(model: Model) -> Kernel:
 
 
 def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
-    """Return nodes as a kernel, in printed Python if it is short: a run calls it a few times at each transition."""
+    """Return the kernel of `nodes`; short ones are printed as Python, which is fastest for a few calls."""
     kernel = model.function(name, nodes)
     return PythonKernel(kernel.program) if fits(kernel.program) else kernel
 
@@ -95,7 +95,8 @@ def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
 class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
-    `rows` has the rows of each contact: the row of dgap/dt, which is also in `normals`, then those of its slips.
+    `rows` has the row indices of each contact in a `Touch`: first dgap/dt, then its slips. `normals` has the row index
+    of dgap/dt of each contact.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
@@ -133,7 +134,10 @@ class Kinematics:
         return values.copy(), np.full(len(values), TOUCHING * max(self._places.max(), np.abs(values).max()))
 
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
-        """Return True if gap and gap rate of a contact are zero at states (2n, N), and its slips at `sticking` ones."""
+        """Return True if a contact is closed at all states (2n, N): gap and gap rate are zero up to rounding.
+
+        At states in the mask `sticking` (N,) its slips must also be zero.
+        """
         k, mine = len(self.normals), self.rows[contact]
         values = np.asarray(self._kernel(times, states, self.parameters))
         gap, rate, slips = values[contact], values[k + mine[0]], values[[k + row for row in mine[1:]]] * sticking
@@ -143,7 +147,8 @@ class Kinematics:
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state (2n,).
 
-        Responses are taken from `before` if only velocities or rounding differ.
+        If `before` is given, its `responses` and `still` are used again instead of being computed. The caller must make
+        sure that coordinates differ from those of `before` by rounding at most; velocities may differ.
         """
         n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
@@ -212,7 +217,7 @@ class Kinematics:
         return value
 
     def friction(self, contact: int, slip: FloatArray, noise: FloatArray) -> Friction:
-        """Return the friction of a contact. Surfaces slide if the slip exceeds its noise."""
+        """Return the friction of a contact with velocities `slip` (components,): it slides if they exceed `noise`."""
         static, kinetic = self._friction[contact]
         if not len(slip) or static == 0:
             return Friction()

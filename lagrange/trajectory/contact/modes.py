@@ -43,11 +43,11 @@ Way = int | None
 
 @dataclass(frozen=True)
 class Mode:
-    """The state of each contact, and the direction of those that slide along a line.
+    """The state of each contact, and the directions `ways` of contacts that slide along a line, 1 or -1.
 
-    `kept` are the independent constraints if some follow from others, which then share their forces; else None.
-    `bouncing` are the contacts that are closed on average while impacts accumulate. `slowest` is the slip in a plane
-    that counts as zero. If `still`, nothing can move: contacts that would slide by their forces are at rest.
+    `kept` are the indices of independent constraints, or None if all constraints are independent. `bouncing` are the
+    contacts that count as closed while their impacts accumulate. `slowest` is the slip in a plane up to which a contact
+    counts as sticking. If `still`, nothing can move: contacts that would slide by their forces are at rest.
     """
 
     states: tuple[str, ...]
@@ -77,10 +77,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A compiled mode: its model, its events after those of the user, and the contact and the kind of each.
+    """A compiled mode: its model and events, with the contact and the kind of each event that ends the mode.
 
-    `zeros` evaluates the events that end the mode, (k,), at a time and a state. With written `friction`, its events
-    come last.
+    The events of the user come first, then the events that end the mode, then the events of a written `friction`.
+    `zeros` evaluates the events that end the mode, (k,), at a time and a state.
     """
 
     model: Model
@@ -184,9 +184,9 @@ class Modes:
         return not any(expression.xreplace(rates).xreplace(places).has(time) for expression in expressions)
 
     def leaves_no_freedom(self, mode: Mode) -> bool:
-        """Return True if the constraints of a mode allow no motion, so that a body stays at rest forever.
+        """Return True if the constraints of a mode allow no motion, so that all bodies stay at rest forever.
 
-        A method would only follow the rounding of its accelerations.
+        The accelerations that an integrator would follow are then only rounding errors.
         """
         count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
         if count < self.model.dimension or not self.timeless:
@@ -197,7 +197,10 @@ class Modes:
 
     @cached_property
     def _holds_rest(self) -> list[bool]:
-        """True for each contact whose slip is zero at rest (not that of a belt); last, for stated constraints."""
+        """For each contact, True if its slip is zero when all velocities are zero, which is false on a moving belt.
+
+        The last entry is the same for the constraints stated in velocities.
+        """
         stated = self.model.statement
         rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
         rates = [*(each.slip for each in self.contacts), [c.expression for c in stated.constraints if not c.holonomic]]
@@ -227,8 +230,8 @@ def modes_of(model: Model) -> Modes:
 def mode_statement(statement: Statement, mode: Mode) -> Statement:
     """Return the statement of a mode, without contacts: closed gaps are constraints, and friction is a force.
 
-    A contact that sticks is also a constraint on velocities. One that slides has the force -mu lambda dslip/dv against
-    its slip, with the multiplier lambda of its gap.
+    For a contact that sticks, its slips are constraints on velocities. A contact that slides has the force
+    -mu lambda dslip/dv against its slip, with the multiplier lambda of its gap.
     """
     constraints, forces = list(statement.constraints), list(statement.forces)
     for each, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
@@ -266,7 +269,7 @@ def _speed(each: Contact) -> Any:
 
 
 def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
-    """Return the events that end a mode, and the contact and the kind of each."""
+    """Return the events that end a mode, and for each event the index of its contact and its kind."""
     zeros: list[Any] = []
     ends = []
     for i, (each, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):

@@ -70,7 +70,8 @@ def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory])
 class _ContactRun:
     """A run in progress: its parts, and the mode, time and state at which it continues.
 
-    `prepared` is the last mode, `found` its segment, and `end_state` (2n,) the state at its end before any reset.
+    `prepared` is the mode of the last segment, `found` its trajectory, and `end_state` (2n,) the state at its end
+    before any reset.
     """
 
     prepared: PreparedMode
@@ -223,7 +224,7 @@ class _ContactRun:
         return mode.still and self.modes.without_time(zeros)
 
     def _told(self, part: Trajectory) -> Trajectory:
-        """Return a segment that reached a limit, with its message in the coordinates of the system."""
+        """Return the segment `part`, which ended early, with a message that names coordinates of the system only."""
         at_end = part.status, self.problem, part.span[1], last_state(part)
         return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
@@ -292,7 +293,7 @@ class _ContactRun:
         return True
 
     def _fired(self) -> list[tuple[int, str]]:
-        """Return the contacts whose events ended the last segment, each with the kind of its event."""
+        """Return the indices of the contacts whose events ended the last segment, each with the kind of its event."""
         if self.found.status is not Status.EVENT:
             return []
         pairs = zip(self.prepared.ends, self.found.t_events[self.prepared.own], strict=True)
@@ -417,7 +418,7 @@ class _ContactRun:
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
-    """Return a segment in which the state at the end, if it is an output, is y (2n,)."""
+    """Return the segment `part` with y (2n,) in place of its last state, if the end of the segment is an output."""
     if not len(part.t) or part.t[-1] != part.span[1] or (part.y[:, -1] == y).all():
         return part
     return replace(part, y=np.column_stack([part.y[:, :-1], y]))

@@ -44,10 +44,11 @@ class Impact:
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """Result of a transition: the state (2n,), the mode, and the impacts by contact with their `speeds`.
+    """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
-    `before` (2n,) is the state before impacts, without overlap. `unseen` are contacts that open and would close again
-    before the gap exceeds rounding.
+    `before` (2n,) is the state before impacts, with overlaps of bodies removed. `impacts` are pairs of the index of a
+    contact and its impact. `speeds` are the impact speeds of the contacts whose gap closed. `unseen` are contacts that
+    open and would close again before the gap exceeds rounding.
     """
 
     y: FloatArray
@@ -80,10 +81,10 @@ class Transitions:
     ) -> Behind:
         """Return the result of the transition after a mode that ends at a state (2n,).
 
-        The contacts that end it: `met` ones, whose gap became zero; `released` ones, whose normal force did; `stopped`
-        ones, whose slip did; `freed` ones, whose friction reached its cone. Impacts of `plastic` contacts have no
-        restitution, and the contacts stay closed. Raises `Undetermined` if the laws of contact do not determine the
-        result.
+        The mode is ended by contacts whose gap (`met`), normal force (`released`) or slip (`stopped`) became zero, or
+        whose friction force reached the largest value that sticking allows (`freed`). Impacts of `plastic` contacts
+        have no restitution, and these contacts stay closed. Raises `Undetermined` if the laws of contact do not
+        determine the result.
         """
         kin = self.kinematics
         touch = kin.at(t, y)
@@ -118,7 +119,7 @@ class Transitions:
         return Behind(y, before, following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
-        """Return the directions in which contacts at their cone begin to slide, opposite to the friction force."""
+        """Return the direction in which each contact of `freed` begins to slide, opposite to its friction force."""
         model = self.modes.model_of(mode)
         forces = dict(
             zip(
@@ -142,7 +143,10 @@ class Transitions:
         closing: Sequence[int],
         plastic: Collection[int],
     ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
-        """Return the state after an impact, the impact of each contact, and the speeds of the `closing` contacts."""
+        """Return the state after an impact, pairs of contact index and impact, and the speeds of `closing` contacts.
+
+        `touching` are all contacts with zero gap that may exchange impulses. `closing` are those whose gap decreases.
+        """
         kin, v = self.kinematics, self._layout.v
         matrix, law = touch.compliance, self.modes.model.statement.simultaneous
         if not law and self._coupled(matrix, touching):
@@ -191,9 +195,10 @@ class Transitions:
         chosen: Sequence[int],
         plastic: Collection[int],
     ) -> FloatArray:
-        """Return the impulses (rows,) of an impact of the `chosen` contacts, by Newton's and Coulomb's laws.
+        """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
-        The contacts are those at a state y (2n,); `rates` (rows,) are those before the impact.
+        Only the `chosen` contacts have impulses. `touch` has the contacts at the state y (2n,), and `rates` (rows,) are
+        their gap rates and slips before the impact. `plastic` contacts have no restitution.
         """
         kin = self.kinematics
         laws, rows, shift = [], list[int](), list[float]()
@@ -215,7 +220,10 @@ class Transitions:
         return impulses
 
     def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
-        """Return the only solution of a list. Raises `Undetermined` if there is none, or if there are several."""
+        """Return the solution in `found` if it is the only one. Raises `Undetermined` if there are none or several.
+
+        The other arguments are for the message: `chosen` contacts at the state y, and `what` they do.
+        """
         if len(found) == 1:
             return found[0]
         raise undetermined(self.kinematics, touch, y, chosen, len(found), what)
@@ -233,7 +241,8 @@ class Transitions:
     ) -> tuple[FloatArray, Mode, FloatArray]:
         """Return the state and the mode after a transition, for `resting` contacts with zero gap and gap rate.
 
-        The third result are the second derivatives of gaps by time, and the first derivatives of slips, (rows,).
+        `ways` has the directions of contacts that begin to slide, and `near` are the contacts with zero gap. The third
+        result (rows,) has the second time derivatives of gaps and the first time derivatives of slips.
         """
         kin, count = self.kinematics, len(self.kinematics.contacts)
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
@@ -281,9 +290,9 @@ class Transitions:
         return self._entered(y, touch, mode, begins), mode, pulls
 
     def _turned(self, y: FloatArray, entered: FloatArray, touch: Touch, mode: Mode) -> list[int]:
-        """Return the contacts that slide along a line against the direction of a mode `entered` from a state y (2n,).
+        """Return the contacts whose slip in the state `entered` does not have the direction that `mode` states.
 
-        Their slip is rounding that entering the mode removed: they are at rest.
+        Their slip in the state y (2n,) was rounding, which the change to `entered` removed: they are at rest.
         """
         change = entered[self._layout.v] - y[self._layout.v]
         turned = []
@@ -295,7 +304,7 @@ class Transitions:
         return turned
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
-        """Return the independent constraints of a mode if some follow from others, else None."""
+        """Return the indices of independent constraints of a mode, or None if all are independent."""
         gradient = touch.directions[self._held_rows(states)]
         if len(gradient) < 2:
             return None
@@ -316,8 +325,9 @@ class Transitions:
     def _entered(self, y: FloatArray, touch: Touch, mode: Mode, begins: dict[int, float]) -> FloatArray:
         """Return a state whose velocities satisfy the constraints of a mode, by the least change.
 
-        The kinetic energy measures the change; velocities that are rounding become zero. Rows of `begins`, a slip or a
-        gap that begins to grow, get the given rates: rounding of their accelerations could end them again.
+        The kinetic energy measures the change. Velocities that are rounding become zero. `begins` maps the rows of
+        slips and gaps that begin to grow to small initial rates. Without these rates, rounding of the accelerations
+        could end the growth at once.
         """
         held_rows = self._held_rows(mode.states)
         if not held_rows and not begins:

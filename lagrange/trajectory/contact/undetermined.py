@@ -60,7 +60,7 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
 
 
 def _region(model: Model, which: int, way: int) -> str:
-    """Return the gap rate's change by a unit normal force while a contact slides along `way`; "" if too long."""
+    """Return as text the gap acceleration by a unit normal force while a contact slides along `way`, or "" if long."""
     statement, each = model.statement, model.statement.contacts[which]
     mass = None if statement.constraints else coupling(statement)
     if mass is None:
