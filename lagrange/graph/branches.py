@@ -1,7 +1,7 @@
-"""Conditions under which nodes of branches are read, and nodes that may have no value.
+"""Conditions under which an expression reads each of its nodes, and nodes that may have no finite value.
 
-Only one branch of a piecewise is read. Other branches may have no value, such as a root of a negative number. So their
-signs and domains must not be followed along a run.
+Only one branch of a piecewise is read. The other branches may have no value, for example a root of a negative number.
+So sign changes and domains of nodes in those branches must not be watched along a run.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ def _is_limited(node: Node) -> bool:
 
 
 def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
-    """Return a function from a node to the condition under which the outputs read it.
+    """Return a function from a node to the condition (a node, 1 if always) under which the outputs read that node.
 
-    The condition is 1 for nodes that are always read. Of two conditions joined by `and`, one that may have no value is
-    read if the other holds; of two joined by `or`, if the other does not hold.
+    In `a and b`, if `a` may have no value, `a` is read only where `b` holds, and vice versa. In `a or b`, if `a` may
+    have no value, `a` is read only where `b` does not hold, and vice versa.
     """
     order = reachable(outputs)
     if not any(node.kind is Kind.CALL and node.data == "piecewise" for node in order):
@@ -62,7 +62,10 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
 
 
 def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node]]:
-    """Return each argument of a node with the condition under which it is read."""
+    """Return each argument of a node with the condition under which it is read.
+
+    `when` is the condition under which the node itself is read.
+    """
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":
@@ -76,9 +79,10 @@ def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node
 
 
 def _beside(node: Node, when: Node, other: Node, domains: Domains) -> Node:
-    """Return the condition under which an argument of `and` or `or` is read.
+    """Return the condition under which an argument of `node`, an `and` or `or`, is read.
 
-    It is read if the other argument does not decide the result, and always if the other argument may have no value.
+    `when` is the condition under which the node is read, and `other` the other argument. The argument is read if
+    `other` does not decide the result, and always if `other` may have no value.
     """
     if domains.limited(other):
         return when
@@ -86,13 +90,13 @@ def _beside(node: Node, when: Node, other: Node, domains: Domains) -> Node:
 
 
 def both(a: Node, b: Node) -> Node:
-    """Return the condition that both conditions hold."""
+    """Return the condition `a and b`."""
     one = a.graph.one
     return b if a is one or a is b else a if b is one else a.graph.call("and", a, b)
 
 
 def either(a: Node, b: Node) -> Node:
-    """Return the condition that one of two conditions holds."""
+    """Return the condition `a or b`."""
     one = a.graph.one
     return one if a is one or b is one else a if a is b else a.graph.call("or", a, b)
 
@@ -110,10 +114,10 @@ def where_read(node: Node, condition: Node) -> Node:
 
 @lru_cache(maxsize=64)
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return {square root: base} for the bases of fractional powers in some nodes.
+    """Return {sqrt(base): base} for the bases of the fractional powers that the nodes depend on.
 
-    A root in a branch that is not taken has the value 1. Powers of positions with exponents of at most -1 are left out.
-    Cached, since many runs have the same events.
+    A root has the value 1 where the nodes do not read it. Powers of positions with exponents of at most -1 are left
+    out. Cached, since many runs have the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}

@@ -2,8 +2,8 @@
 
 Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch, and
 the branch is selected last. Otherwise a zero from the branch not taken would be multiplied by infinities of that
-branch. For the same reason a factor of a choice that may be infinite is moved into the branches that are not zero. So
-the derivative of sqrt(max(x, 0)) is 0 for x < 0.
+branch. For the same reason a choice is not multiplied by a factor that may be infinite. Instead each branch that is
+not zero is multiplied. So the derivative of sqrt(max(x, 0)) is 0 for x < 0.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
 
 
 def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
-    """Return the derivatives of `output` in the symbols, by one reverse sweep."""
+    """Return the derivatives of `output` with respect to the symbols, by one reverse sweep."""
     graph = output.graph
     mask = _mask(symbols)
     order = reachable([output], mask)
@@ -70,7 +70,10 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 
 
 def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
-    """Add the tangent of a node to `table`, which has those of its arguments. A linear solve adds all its unknowns."""
+    """Add the tangent of a node to `table` {node: tangent}, which has the tangents of its arguments.
+
+    For one unknown of a linear solve, the tangents of all its unknowns are added.
+    """
     graph = node.graph
     if node.kind is Kind.COMPONENT:
         _push_component(node, table)
@@ -85,7 +88,10 @@ def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
 
 
 def _push_component(node: Node, table: dict[Node, Node]) -> None:
-    """Add the tangents dx of M x = b to `table`: M dx = db - dM x, solved with the same factors of M."""
+    """Add the tangents dx of the solution of M x = b to `table`: M dx = db - dM x, solved with the same factors of M.
+
+    `node` is one component of x. `table` maps nodes to tangents.
+    """
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]
     n = solution.data
@@ -107,7 +113,7 @@ def _sweep(
 ) -> dict[Node, Node]:
     """Return the adjoint of every symbol in the bit mask, by a reverse sweep over `order` (arguments first).
 
-    `inner` has the gradients of choices.
+    `inner` maps each choice to its gradient {symbol: derivative}.
     """
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
@@ -146,7 +152,10 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return the choice with its values replaced by derivatives. It is undefined where the choice is undefined."""
+    """Return a choice (piecewise, min, max) with its values replaced by their derivatives.
+
+    The result is undefined where the choice is undefined.
+    """
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]
@@ -154,7 +163,10 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
 
 
 def _chosen(derivative: Node, factor: Node, domains: Domains) -> Node:
-    """Return derivative times factor. A factor that may be infinite is moved into nonzero branches of a choice."""
+    """Return derivative * factor.
+
+    If the factor may be infinite, it multiplies only the nonzero branches of a choice.
+    """
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
     if not choice or not domains.limited(factor):

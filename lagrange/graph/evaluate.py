@@ -1,4 +1,4 @@
-"""Values of nodes: in any number of digits, to disprove an identity, or in doubles at many points at once."""
+"""Values of nodes: with any number of digits, to disprove an identity, or in doubles at many points at once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 
 @dataclass(frozen=True)
 class NumberType:
-    """A type of numbers with the operations and functions of nodes on it, and the conversion of a fraction."""
+    """The arithmetic of a number type: conversion from a fraction, sum, product, power, choice and functions."""
 
     number: Callable[[Fraction], Any]
     total: Callable[[list[Any]], Any]
@@ -35,8 +35,8 @@ class NumberType:
 def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> tuple[list[Any], Any] | None:
     """Return the outputs as numbers of an mpmath context, and the largest absolute value of all nodes evaluated.
 
-    `point` has a number for every symbol. None if a value is not a real number in the range of doubles. Outputs must
-    not contain linear solves.
+    `point` has a number for every symbol. Return None if a value is not a real number in the range of doubles. Outputs
+    must not contain linear solves.
     """
     outputs = list(outputs)
     numbers = _numbers_of(context)
@@ -124,7 +124,7 @@ def precise(digits: int) -> Any:
 
 @cache
 def _numbers_of(context: Any) -> NumberType:
-    """Return the numbers of an mpmath context."""
+    """Return the number type of an mpmath context."""
     return NumberType(
         number=lambda value: context.mpf(value.numerator) / value.denominator,
         total=context.fsum,

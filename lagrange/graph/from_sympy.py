@@ -22,7 +22,7 @@ SINC_TERMS = 12
 
 
 class Translator:
-    """Translates into one graph; `leaves` maps symbols, coordinates and velocities to their nodes."""
+    """Translates SymPy expressions into one graph; `leaves` maps symbols, coordinates and velocities to their nodes."""
 
     def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
         self.graph = graph
@@ -111,7 +111,7 @@ def _sinc(graph: Graph, a: Node) -> Node:
 
 
 def _heaviside(graph: Graph, a: Node, middle: Node) -> Node:
-    """Return 0, `middle` or 1 for a number below, at or above zero."""
+    """Return the node of the Heaviside function: 0 for a < 0, `middle` for a = 0, 1 for a > 0."""
     if middle.kind is Kind.CONSTANT and middle.data == Fraction(1, 2):
         return (1 + graph.call("sign", a)) / 2
     below, at = graph.call("less", a, graph.zero), graph.call("equal", a, graph.zero)

@@ -1,7 +1,7 @@
 """Table of elementary functions: arity, derivatives and exact values.
 
-`partials` has one rule per argument, which returns the derivative from the value and the arguments. The code that
-computes a function is stated with each target.
+`partials` has one rule for each argument. A rule returns the derivative from the function's value and its arguments.
+Each target defines its own code for a function.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ PartialRule = Callable[..., "Node"]
 class Function:
     """One elementary function: its name, number of arguments (None: any) and derivative rules.
 
-    min and max always equal one of their two arguments. Instead of rules they have `first`, the condition that this is
-    the first argument. They are differentiated as a choice, which ignores an infinite derivative of the other one.
+    min and max always equal one of their two arguments. They have no rules. Instead `first` returns the condition that
+    the result is the first argument. They are differentiated as a choice, which ignores an infinite derivative of the
+    argument not chosen.
     """
 
     name: str

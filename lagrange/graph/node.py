@@ -158,11 +158,11 @@ class Graph:
         return self._table[key]
 
     def plain(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
-        """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT."""
+        """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT. `Kind` describes `data`."""
         return self._intern(kind, args, data)
 
     def node(self, value: Node | Exact | float) -> Node:
-        """Return the value itself if it is a node, else the constant."""
+        """Return a node unchanged; return a number as a constant node."""
         return value if isinstance(value, Node) else self.constant(value)
 
     def constant(self, value: Exact | float) -> Node:
@@ -202,7 +202,10 @@ class Graph:
         return self._intern(Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items)))
 
     def _join_squares(self, terms: dict[Node, Exact]) -> Exact:
-        """Replace c r sin(a)**2 + c r cos(a)**2 by c r in the terms, in place; return the sum of constant c r."""
+        """Replace each pair of terms c r sin(a)**2 + c r cos(a)**2 by c r, in place. c is a coefficient, r a product.
+
+        If r is a constant, the pair is removed instead. Return the sum of those constants c r.
+        """
         constant: Exact = 0
         for node in [node for node in terms if _square_of(node, "sin") is not None]:
             sine = _square_of(node, "sin")
@@ -223,7 +226,10 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum with common factors of all terms, or else a common coefficient, taken out."""
+        """Return the sum of coefficient * node, with the factors that all terms share taken out.
+
+        If there are none, a coefficient that all terms share up to sign is taken out.
+        """
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
         common = list(_factors(items[0][0]))
@@ -297,10 +303,10 @@ class Graph:
         return self._intern(Kind.POWER, (base,), exponent)
 
     def _squares(self, base: Node) -> list[tuple[Node, int]] | None:
-        """Return pairs (part, n) if the base is a product of part**n whose moving factors have even powers, else None.
+        """Return pairs (part, n) if the base is a product of part**n whose changing factors are even powers, else None.
 
-        Parts are absolute values, so that (x**2)**e becomes |x|**(2 e). The Taylor series of sqrt(x**2) itself would
-        continue as x beyond x = 0.
+        A changing factor depends on more than parameters. Its part is an absolute value, so that (x**2)**e becomes
+        |x|**(2 e). The Taylor series of sqrt(x**2) itself would continue as x beyond x = 0.
         """
         if _is_scaled(base) and base.data[1][0] > 0:
             parts = self._squares(base.args[0])
@@ -343,7 +349,7 @@ class Graph:
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
     def solve(self, matrix: Rows, right: Sequence[Node], negative: Sequence[int] = ()) -> list[Node]:
-        """Return x of matrix x = right, for a symmetric matrix given by its lower triangle.
+        """Return the unknowns x of matrix * x = right, one node each. The lower triangle gives the symmetric matrix.
 
         `negative` has the indices of the pivots that are negative.
         """
@@ -366,10 +372,10 @@ class Graph:
 
 
 def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = ()) -> list[Node]:
-    """Return the nodes that the outputs are computed from, arguments first, outputs included.
+    """Return the nodes that the outputs depend on, outputs included, arguments before the nodes that use them.
 
-    With a mask, only nodes that depend on one of its symbols (their bits of `depends`). Nodes of `held` are left out,
-    and so are nodes that only they need.
+    With a bit `mask` of symbols, only nodes that depend on one of these symbols are returned. Nodes of `held` are left
+    out, and so are nodes that only they need.
     """
     visited: set[Node] = set(held)
     stack = [node for node in outputs if mask == -1 or node.depends & mask]
@@ -386,7 +392,10 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    """Return True if a product keeps the node as a factor unchanged."""
+    """Return True if a product keeps this factor as it is.
+
+    Constants, scaled nodes and short products are taken apart.
+    """
     short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
     return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
 
@@ -396,7 +405,7 @@ def _factors(node: Node) -> tuple[Node, ...]:
 
 
 def _square_of(node: Node, name: str) -> Node | None:
-    """Return the factor f(a)**2 of a term for the function f of that name, or None."""
+    """Return the factor f(a)**2 of a product, where f is the function `name`, or None."""
     for factor in _factors(node):
         if factor.kind is Kind.POWER and factor.data == 2:
             base = factor.args[0]

@@ -1,4 +1,4 @@
-"""Rebuilding of nodes with other arguments: substitution, and the base of passes over a graph."""
+"""Rebuilding of nodes with other arguments, for substitution and for passes over a graph."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Substitution:
         self._table: dict[Node, Node] = {}
 
     def __call__(self, node: Node) -> Node:
-        """Return the node with all replacements so far."""
+        """Return the node with all replacements so far applied."""
         table = self._table
         missing: set[Node] = set()
         stack = [node]
@@ -56,7 +56,7 @@ class Substitution:
         return table[node]
 
     def replace(self, node: Node, other: Node) -> None:
-        """Replace a node by another one in later calls."""
+        """Replace `node` by `other` in later calls."""
         self._replaced[node] = other
         if self._table.get(node, other) is not other:
             # Cached nodes that contain this one were built from its old value.

@@ -27,7 +27,7 @@ class _Split:
 
 
 def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
-    """Return the outputs rebuilt so that a sum which contains another sum of the outputs refers to it."""
+    """Return the outputs rebuilt so that a sum refers to the longest other sum whose terms it contains."""
     order = reachable(outputs)
     splits = _splits([node for node in order if node.kind is Kind.SUM and len(node.args) > 1])
     if not splits:
@@ -40,7 +40,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return the node and the sums inside it that are not built yet, shortest first."""
+    """Return the node and the sums nested in it by `splits`, except those in `built`, shortest first."""
     chain: list[Node] = []
     while node not in built:
         chain.append(node)
@@ -78,7 +78,10 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return the split of a sum with these terms by `part`, or None if no multiple of `part` is in the sum."""
+    """Return the split by `part` of a sum with these terms {node: coefficient}, or None if `part` is not in the sum.
+
+    A multiple of `part` counts as well.
+    """
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

@@ -1,4 +1,4 @@
-"""Translation of nodes into SymPy expressions, for reading and for tests."""
+"""Translation of nodes into SymPy expressions, for display and for tests."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _solution(node: Node, table: Mapping[Node, Any]) -> Any:
 
 
 def _piecewise(*args: Any) -> Any:
-    """Return a Piecewise; a last value of nan is left out, as where a table ends."""
+    """Return a SymPy Piecewise of arguments (condition, value, ..., last value). A last value of nan is left out."""
     pairs = [(value, condition) for condition, value in zip(args[:-1:2], args[1::2], strict=True)]
     return sympy.Piecewise(*pairs, *([] if args[-1] is sympy.nan else [(args[-1], True)]))
 
