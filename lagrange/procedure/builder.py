@@ -54,7 +54,7 @@ from lagrange.procedure.verify import verify
 
 
 class Folded:
-    """The result of a reduction in an `each`. Its value is available after the loop."""
+    """The result of a reduction, such as a sum, in an `each` loop. Its value is available after the loop."""
 
     def __init__(self, builder: Builder, ref: int) -> None:
         self._builder, self._ref = builder, ref
@@ -66,7 +66,7 @@ class Folded:
 
 
 class GivenFunction:
-    """A function that is a parameter: called as in Python, or passed on."""
+    """A parameter of the procedure that is a function: it can be called, or passed on to other procedures."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
         self._builder, self.ref, self._callee = builder, ref, callee
@@ -77,7 +77,7 @@ class GivenFunction:
 
 
 class OpenBranches:
-    """A branch under construction, whose second block is still open."""
+    """A branch statement under construction: its first block is complete, and its second can be added."""
 
     def __init__(self, builder: Builder, place: int) -> None:
         self._builder, self._place = builder, place
@@ -111,7 +111,7 @@ class Builder:
     # --- parameters
 
     def given(self, name: str, kind: Kind | Array) -> Any:
-        """Add a parameter that is a number, and return its value."""
+        """Add a parameter, a number or an array, and return its value."""
         ref = self._parameter(name, kind)
         return Memory(self, ref, kind) if isinstance(kind, Array) else VALUES[kind](self, ref)
 
@@ -140,9 +140,9 @@ class Builder:
     # --- values
 
     def operation(self, op: str, *args: Any) -> Any:
-        """Return the result of an operation; on vectors it works entry by entry.
+        """Return the result of the operation `op`; on vectors it works entry by entry.
 
-        Python numbers take the kind of the values.
+        Python numbers among the operands take the kind of the other operands.
         """
         if any(isinstance(arg, Entries) for arg in args):
             return self.entrywise(op, *args)
@@ -169,9 +169,10 @@ class Builder:
         return found
 
     def permuted(self, parts: Sequence[Any], places: Sequence[int]) -> Any:
-        """Return the entries at `places` of vectors and single values, which are numbered consecutively.
+        """Return a vector of some entries of `parts`, which are vectors and single values.
 
-        One place gives a single value instead of a vector.
+        The entries of all parts are numbered consecutively, and `places` are the numbers of the chosen entries. For one
+        place the result is a single value.
         """
         kind = parts[0].kind
         if len(places) > 1:
@@ -182,7 +183,7 @@ class Builder:
         return self.made(kind, lambda ref: Reduce(ref, kind, "entry", one.ref, k)) if isinstance(one, Entries) else one
 
     def entrywise(self, op: str, *args: Any) -> Entries:
-        """Return the result of an operation on vectors. Numbers and flags among the operands are broadcast."""
+        """Return the result of the operation `op` on vectors. Numbers and flags among the operands are broadcast."""
         vectors = [arg.vector for arg in args if isinstance(arg, Entries)]
         kind = next((one.kind for one in vectors if one.kind is not FLAG), REAL)
         width = vectors[0].width
@@ -217,7 +218,7 @@ class Builder:
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind | Vector) -> int:
-        """Return the number of a value. Raises LagrangeError for a value of another kind."""
+        """Return the id of a value. Raises LagrangeError for a value of another kind."""
         if not isinstance(value, (Value, Entries)) and isinstance(kind, Kind):
             value = self.constant(value, kind)
         if _kind_of(value) != kind:
@@ -226,17 +227,17 @@ class Builder:
         return ref
 
     def made(self, kind: Kind | Vector, make: Callable[[int], Statement]) -> Any:
-        """Add the statement that `make` returns for a new number, and return its value."""
+        """Add the statement `make(id)` for a new id, and return the value that it defines."""
         ref = self.unused()
         self.add(make(ref))
         return self.value_of(ref, kind)
 
     def value_of(self, ref: int, kind: Kind | Vector) -> Any:
-        """Return the value with the number `ref`, on which Python operators work."""
+        """Return the value with the id `ref`, as an object with Python operators."""
         return Entries(self, ref, kind) if isinstance(kind, Vector) else VALUES[kind](self, ref)
 
     def real(self, value: Any) -> Real:
-        """Return a real, whole or flag as a real."""
+        """Convert a real, whole or flag to a real."""
         if isinstance(value, Real):
             return value
         found = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
@@ -244,7 +245,7 @@ class Builder:
         return found
 
     def whole(self, value: Any) -> Whole:
-        """Return a real, whole or flag as a whole."""
+        """Convert a real, whole or flag to a whole."""
         if isinstance(value, Whole):
             return value
         found = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
@@ -282,7 +283,7 @@ class Builder:
     # --- memory
 
     def variable(self, value: Any, name: str = "") -> Variable:
-        """Return a new variable with its first value. The type of a Python number determines the kind."""
+        """Return a new variable with `value` as its first value. For a Python number the kind follows from its type."""
         kind = _kind_of(value)
         first, ref = self.operand(value, kind), self.unused()
         self.add(Declare(ref, kind, first))
@@ -291,7 +292,7 @@ class Builder:
         return Variable(self, ref, kind)
 
     def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
-        """Return a local array with undefined values."""
+        """Return a local array with undefined values. `form.Array` defines `room`."""
         array, ref = Array(kind, size, room=room), self.unused()
         self.add(Reserve(ref, array))
         if name:
@@ -321,9 +322,9 @@ class Builder:
         spill: bool = True,
         unrolled: bool = False,
     ) -> None:
-        """Copy `count` numbers between arrays.
+        """Copy the first `count` numbers of `source` to `target`.
 
-        With `spill`, whole blocks are copied; `form.Each` defines the options.
+        With `spill`, whole blocks are copied, which may write beyond `count`. `form.Each` defines the options.
         """
         with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
             target[i] = source[i]
@@ -332,7 +333,7 @@ class Builder:
 
     @contextmanager
     def block(self) -> Iterator[list[Statement]]:
-        """Collect the statements of a body."""
+        """Collect the statements that the body of the `with` adds, in a new block."""
         outside, self.current = self.current, []
         inside = self.current
         self._constants.append({})
@@ -352,7 +353,7 @@ class Builder:
 
     @contextmanager
     def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
-        """Run the body for each index from `start`, while it is below `stop`."""
+        """Run the body for each index from `start` in steps of `step`, while the index is below `stop`."""
         first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self.unused()
         with self.block() as body:
             yield Whole(self, index)
@@ -390,18 +391,21 @@ class Builder:
         return self._fold("add", value)
 
     def dot(self, a: Real, b: Real) -> Folded:
-        """Return the sum of a product over the iterations of the enclosing `each`, in the order of `form.Fold`."""
+        """Return the sum of a*b over the iterations of the enclosing `each`, in the order of `form.Fold`."""
         return self._fold("dot", a, self.operand(b, REAL))
 
     def largest(self, value: Real, *, numbers: bool = False) -> Folded:
-        """Return the largest value over the enclosing `each`.
+        """Return the largest value over the iterations of the enclosing `each`.
 
-        It is NaN if any value is, but with `numbers` NaN is ignored.
+        The result is NaN if any value is NaN. With `numbers`, NaN values are ignored.
         """
         return self._fold("most" if numbers else "max", value)
 
     def largest_magnitude(self, value: Real) -> Folded:
-        """Return the largest |value| over the enclosing `each`. It is NaN if any value is, and 0 without iterations."""
+        """Return the largest |value| over the iterations of the enclosing `each`.
+
+        The result is NaN if any value is NaN, and 0 without iterations.
+        """
         return self._fold("magnitude", value)
 
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
@@ -411,11 +415,11 @@ class Builder:
         return Folded(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
-        """Return the results of another procedure: None, a value or a tuple of values."""
+        """Call another procedure, and return its results: None, a value or a tuple of values."""
         return self._call(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
 
     def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
-        """Return the results of a call of a function that is a parameter: None, a value or a tuple of values."""
+        """Call the function parameter with the id `ref`, and return its results: None, a value or a tuple of values."""
         return self._call(ref, callee.results, callee.parameters, args)
 
     def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
@@ -435,7 +439,10 @@ class Builder:
         self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
 
     def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
-        """Return from the procedure with results if a condition holds."""
+        """Return from the procedure with results if a condition holds.
+
+        `likely` is the usual value of the condition, or None if neither is usual.
+        """
         with self.when(condition, likely=likely):
             self.leave(*values)
 
@@ -460,7 +467,7 @@ class Builder:
         return made
 
     def unused(self) -> int:
-        """Return an unused number for a new value."""
+        """Return an unused id for a new value."""
         self._count += 1
         return self._count - 1
 

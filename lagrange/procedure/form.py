@@ -1,15 +1,16 @@
 """The language-independent form of a procedure: typed values, memory and control flow.
 
-A procedure is a block of statements. Values are numbered and assigned once; variables, arrays and fields of records can
-change. There are three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a
-status. The form can therefore be printed as LLVM, C or Python, and `interpreter` runs it directly.
+A procedure is a block of statements. Every value, variable, array and record has an integer id, `ref`, and statements
+name their operands by id. A value is assigned once; variables, arrays and fields of records can change. There are
+three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a status. The form can
+therefore be printed as LLVM, C or Python, and `interpreter` runs it directly.
 
-    reals      doubles; a printer may give them lanes, and then flags are masks
+    reals      doubles; a printer may compute several in the lanes of a vector, and flags are then masks
     wholes     64-bit signed integers: counts and indices
     flags      true or false
 
-A vector is a value of 2, 4 or 8 of one kind, its entries. Operations on vectors are those on numbers, entry by entry.
-Printers without vectors print `unpacked` procedures.
+A vector has 2, 4 or 8 entries of one kind. Operations on vectors work entry by entry. Printers without vectors print
+procedures from which `unpacked` has removed them.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ CONSTANT = "constant"
 class Record:
     """Named numbers that persist across calls, eight bytes each: the state of one part of an algorithm.
 
-    With `lanes`, each field is a vector of that many numbers.
+    With `lanes` above 1, each field is a vector with that many entries.
     """
 
     name: str
@@ -64,12 +65,15 @@ class Record:
         return self.fields[self.places[field]][1]
 
     def type_of(self, field: str) -> Kind | Vector:
-        """Return the type of a field."""
+        """Return the type of a field: its kind, or a vector with one entry for each lane."""
         return of_width(self.kind(field), self.lanes)
 
     @cached_property
     def structure(self) -> type[ctypes.Structure]:
-        """The record in memory: Python sets its fields as attributes, and machine code uses its address."""
+        """The ctypes class of the record.
+
+        Python sets its fields as attributes; machine code uses the address of an instance.
+        """
         types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
         if self.lanes > 1:
             types = {kind: one * self.lanes for kind, one in types.items()}
@@ -78,10 +82,10 @@ class Record:
 
 @dataclass(frozen=True)
 class Array:
-    """Memory for values of one kind. `size` is their number, or None if the caller decides.
+    """Memory for values of one kind. `size` is the number of values, or None if the caller decides.
 
-    An array is `read` only, or written as well. The arrays of one call do not overlap. With `room`, whole blocks of
-    that many values may be accessed; the last block may reach beyond `size`.
+    An array is read only if `read` is true, else also written. The arrays of one call do not overlap. Blocks of `room`
+    values may be accessed as a whole; the last block may reach beyond `size`.
     """
 
     kind: Kind = REAL
@@ -91,7 +95,7 @@ class Array:
 
     @property
     def length(self) -> int:
-        """Length of a local array in languages without access to whole blocks: `size`, at least one."""
+        """Number of values to allocate for a local array in exported code: `size` and the spare room, at least 1."""
         return (self.size or 0) + max(self.room - 1, 0) or 1
 
 
@@ -101,7 +105,7 @@ READ = Array(read=True)
 
 @dataclass(frozen=True)
 class Callee:
-    """The type of a function that is a parameter: kinds of its numbers and arrays, and of its results.
+    """The type of a parameter that is a function: kinds of its arguments and results.
 
     In Python such a function returns None, a value or a tuple of values. In machine code a flag is C's int, and several
     results are returned in registers.
@@ -112,14 +116,14 @@ class Callee:
 
 
 class Vector(NamedTuple):
-    """The type of a short vector: the kind and the number of its entries, one of `WIDTHS` above 1."""
+    """The type of a short vector: the kind of its entries and their number, one of `WIDTHS` above 1."""
 
     kind: Kind
     width: int
 
 
 def of_width(kind: Kind, width: int) -> Kind | Vector:
-    """Return the type of a value of a kind, or of a vector of `width` of them."""
+    """Return the type of a vector of `width` values of a kind. For a width of 1 it is the kind itself."""
     return Vector(kind, width) if width > 1 else kind
 
 
@@ -127,7 +131,7 @@ Type = Kind | Vector | Array | Record | Callee
 
 
 class Parameter(NamedTuple):
-    """A named argument; `ref` is its number."""
+    """A named parameter of a procedure; `ref` is its id."""
 
     ref: int
     name: str
@@ -145,7 +149,10 @@ class Let(NamedTuple):
 
 
 class SineCosine(NamedTuple):
-    """The sine and the cosine of one angle, or of each entry of a vector. Computing both costs little more than one."""
+    """The sine and the cosine of one angle, or of each entry of a vector.
+
+    Both together take little more time than one.
+    """
 
     sine: int
     cosine: int
@@ -155,8 +162,8 @@ class SineCosine(NamedTuple):
 class VectorLet(NamedTuple):
     """A vector: an operation on vectors of one width, entry by entry, or `permute`.
 
-    The operands of `permute` are vectors and single values, whose entries are numbered consecutively. The result has
-    the entries with the numbers `places`.
+    `permute` chooses entries of its operands, which are vectors and single values. All their entries are numbered
+    consecutively, and `places` are the numbers of the chosen ones.
     """
 
     ref: int
@@ -180,9 +187,9 @@ class Reduce(NamedTuple):
 
 
 class VectorLoad(NamedTuple):
-    """Adjacent entries of an array, from index `place` on.
+    """Adjacent entries of an array as a vector, from index `place` on.
 
-    Where a mask is false, memory is not read and the entry is zero.
+    Where the mask is false, memory is not read and the entry of the vector is zero.
     """
 
     ref: int
@@ -193,7 +200,7 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Entries of an array at the indices in a vector of wholes. Where a mask is false, the entry is zero."""
+    """Entries of an array at the indices in a vector of wholes. Where the mask is false, the entry is zero."""
 
     ref: int
     vector: Vector
@@ -203,9 +210,10 @@ class Gather(NamedTuple):
 
 
 class VectorStore(NamedTuple):
-    """Write a vector to adjacent entries of an array, from index `place` on, where a mask is true.
+    """Write a vector to adjacent entries of an array, from index `place` on, where the mask is true.
 
-    `all_there` promises that all entries exist. Then those where the mask is false may be read and written back.
+    `all_there` promises that all these entries exist. Then entries where the mask is false may be read and written back
+    unchanged.
     """
 
     array: int
@@ -225,14 +233,14 @@ class Scatter(NamedTuple):
 
 
 class Reserve(NamedTuple):
-    """A local array with undefined values, for the duration of a call."""
+    """A local array with undefined values, which exists during one call of the procedure."""
 
     ref: int
     array: Array
 
 
 class ReserveRecord(NamedTuple):
-    """A local record, for the duration of a call; its fields are zero at first."""
+    """A local record, which exists during one call of the procedure. Its fields are zero at first."""
 
     ref: int
     record: Record
@@ -247,7 +255,7 @@ class Part(NamedTuple):
 
 
 class Load(NamedTuple):
-    """An element of an array."""
+    """Read an element of an array."""
 
     ref: int
     kind: Kind
@@ -264,7 +272,7 @@ class Store(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Read a field of a record: a number, or a vector of the lanes of the record."""
+    """Read a field of a record: a number, or a vector if the record has lanes."""
 
     ref: int
     kind: Kind
@@ -304,7 +312,7 @@ class Set(NamedTuple):
 
 
 class When(NamedTuple):
-    """Two branches under a condition. `likely` is true or false if a back end may expect that value, else None."""
+    """Two branches under a condition. `likely` is the usual value of the condition, or None if neither is usual."""
 
     condition: int
     then: Block
@@ -340,10 +348,10 @@ SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
 class Fold(NamedTuple):
     """A reduction over the iterations of an `Each`: `add`, `dot`, `max`, `most` or `magnitude`.
 
-    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity. `magnitude`, the largest
-    |value|, is 0 then. `dot` adds products of two values, each rounded once. A sum adds value i to partial sum i mod 4.
-    At the end partial sums 0 and 1, and 2 and 3, are added, then both results. So the sum is the same with and without
-    blocks of four.
+    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity. `magnitude` is the largest
+    |value|, NaN if any value is, and 0 without iterations. `dot` adds products of two values; each multiply-add is
+    rounded once. A sum adds value i to partial sum i mod 4. At the end partial sums 0 and 1, and 2 and 3, are added,
+    then both results. So the sum is the same with and without blocks of four.
     """
 
     ref: int
@@ -354,7 +362,7 @@ class Fold(NamedTuple):
 
     @property
     def first(self) -> float:
-        """The result without iterations."""
+        """The result if there are no iterations."""
         return 0.0 if self.op in (*SUMS, "magnitude") else float("-inf")
 
 
@@ -378,7 +386,7 @@ class Each(NamedTuple):
 
 
 class Call(NamedTuple):
-    """A call of another procedure, or of a function parameter, which is given by its number."""
+    """A call of another procedure, or of the function parameter with the id `callee`."""
 
     refs: tuple[int, ...]
     callee: Procedure | int
@@ -429,7 +437,7 @@ Block = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Procedure:
-    """A checked algorithm. `about` describes it in a sentence, and `names` has the names of some of its values.
+    """A checked algorithm. `about` is a sentence that describes it. `names` maps ids to names in the algorithm.
 
     A procedure that is `apart` runs rarely, or has several callers: printers do not inline it.
     """
@@ -444,7 +452,7 @@ class Procedure:
 
     @property
     def numbers(self) -> tuple[Kind, ...]:
-        """The kinds of the results. The procedure must not return vectors."""
+        """The kinds of the results, for a procedure that returns no vectors."""
         return tuple(one for one in self.results if isinstance(one, Kind))
 
     @cached_property
@@ -475,14 +483,14 @@ def inner(statement: Statement) -> tuple[Block, ...]:
 
 
 def rebuilt(statement: Statement, change: Callable[[Block], Block]) -> Statement:
-    """Return a statement whose blocks are replaced by `change(block)`, called for the last block first."""
+    """Return a statement in which each inner block is replaced by `change(block)`, called for the last block first."""
     names = _BLOCKS.get(type(statement), ())
     changes: dict[str, Any] = {name: change(getattr(statement, name)) for name in reversed(names)}
     return statement._replace(**changes)
 
 
 def walk(block: Block) -> Iterator[Statement]:
-    """Yield every statement of a block, each before the statements inside it."""
+    """Yield every statement of a block, including nested ones. A statement comes before the statements inside it."""
     for statement in block:
         yield statement
         if type(statement) in _BLOCKS:
@@ -496,7 +504,7 @@ def calls(block: Block) -> list[Call]:
 
 
 def assigned(block: Block) -> tuple[int, ...]:
-    """Return the variables that a block sets, in order."""
+    """Return the ids of the variables that a block sets, in order."""
     return tuple(dict.fromkeys(statement.variable for statement in walk(block) if isinstance(statement, Set)))
 
 
@@ -546,5 +554,5 @@ _RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for tak
 
 
 def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
-    """Return the kind of an operation's result for operand kinds, or None if they do not fit."""
+    """Return the kind of the result of the operation `op` on operands of these kinds, or None if they do not fit."""
     return _RESULTS.get((op, kinds))

@@ -57,7 +57,7 @@ Environment = dict[int, Any]
 
 @dataclass(frozen=True)
 class Span:
-    """The part of an array from an index on."""
+    """The part of an array from index `start` on."""
 
     memory: Any
     start: int = 0
@@ -69,12 +69,12 @@ class Span:
         self.memory[self.start + index] = value
 
     def part(self, start: int) -> Span:
-        """Return the part of the array from an index on."""
+        """Return the part of this span from index `start` on."""
         return Span(self.memory, self.start + start)
 
 
 def run(procedure: Procedure, *args: Any) -> Results:
-    """Return the results of a procedure. The arguments are in the order of its parameters."""
+    """Run a procedure and return its results. `args` are in the order of its parameters."""
     environment: Environment = {}
     for parameter, arg in zip(procedure.parameters, args, strict=True):
         plain = not isinstance(parameter.type, Array) or isinstance(arg, Span)
@@ -84,7 +84,7 @@ def run(procedure: Procedure, *args: Any) -> Results:
 
 
 def _block(block: Block, known: Environment) -> Results | None:
-    """Run statements; return the results if a statement ends the procedure, else None."""
+    """Run statements; return the results if a statement ends the procedure, else None. `known` maps ids to values."""
     for statement in block:
         found = _STATEMENTS[type(statement)](statement, known)
         if found is not None:
@@ -291,7 +291,7 @@ def _divide(a: float, b: float) -> float:
 
 
 def _max(a: Any, b: Any) -> Any:
-    """Return the larger number, NaN if either is NaN. Of two zeros it is the positive one."""
+    """Return the larger number, NaN if either is NaN. The larger of 0.0 and -0.0 is 0.0."""
     if a == b:
         return b if math.copysign(1.0, a) < 0 else a
     return a if a != a or a > b else b
@@ -343,7 +343,7 @@ def _power(a: float, b: float) -> float:
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
-    """Return a function that never raises: NaN outside its domain, infinite on overflow, and `pole` at zero."""
+    """Return a function that never raises: NaN outside the domain, infinite on overflow, and `pole` at zero."""
 
     def value(x: float) -> float:
         try:

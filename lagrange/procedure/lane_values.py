@@ -1,4 +1,7 @@
-"""Parts of a procedure for many members: statements on numbers and vectors, memory and variables."""
+"""Parts of a procedure for many members: statements on numbers and vectors, memory and variables.
+
+A member is one of several runs of the original procedure; each lane of a vector holds the value of one member.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +42,11 @@ CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "no
 
 @dataclass(frozen=True)
 class MemberMemory:
-    """An array or a record of the new procedure.
+    """An array or a record of the new procedure, which runs all members at once.
 
-    An array of each member's `own` has entry i of all members side by side. With `apart`, a vector of indices, the part
-    of each member begins at its own index. `level` is the depth of branches at the allocation, or -1 for an array of
-    the caller.
+    `own` is true if each member has its own values: entry i of all members is then adjacent in memory. `apart` is the
+    id of a vector of indices if the part of each member begins at another index, else None. `level` is the depth of
+    branches at the allocation, or -1 for an array of the caller.
     """
 
     ref: int
@@ -61,7 +64,7 @@ class MemberVariable(NamedTuple):
 
 
 class MemberStatements:
-    """Statements of a new procedure, with the kind and the width of each number that they define."""
+    """Statements of a new procedure, with the kind and the width (single or vector) of each id that they define."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -72,7 +75,7 @@ class MemberStatements:
         self.constants: dict[int, float | int | bool] = {}
 
     def new(self, kind: Kind | None = None, *, wide: bool = False) -> int:
-        """Return a new number for a value of a kind, or a vector if it is `wide`. Without a kind it is memory."""
+        """Return a new id: for a value of a kind, a vector if `wide`. Without a kind it is for memory."""
         ref = next(self.unused)
         if kind is not None:
             self.kinds[ref] = kind
@@ -85,14 +88,14 @@ class MemberStatements:
         return Vector(kind, self.lanes)
 
     def constant(self, kind: Kind, value: float) -> int:
-        """Return a constant."""
+        """Add a constant of a kind and return its id."""
         ref = self.new(kind)
         self.constants[ref] = value
         self.out.append(Let(ref, kind, CONSTANT, (), value))
         return ref
 
     def wide(self, ref: int) -> int:
-        """Return a value as a vector. A single number is copied to all entries."""
+        """Return the id of a value as a vector. A single number is copied to all entries."""
         if ref in self.vectors:
             return ref
         made = self.new(self.kinds[ref], wide=True)
@@ -100,7 +103,10 @@ class MemberStatements:
         return made
 
     def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
-        """Add an operation and return its result: a vector if an operand is one, or if `wide` is true."""
+        """Add the operation `op` and return the id of its result.
+
+        The result is a vector if an operand is one, or if `wide` is true.
+        """
         if not wide and self.vectors.isdisjoint(args):
             ref = self.new(kind)
             self.out.append(Let(ref, kind, op, args))
@@ -111,13 +117,13 @@ class MemberStatements:
         return ref
 
     def loaded(self, array: int, place: int, kind: Kind) -> int:
-        """Return adjacent entries of an array, from index `place` on, one for each member."""
+        """Return the id of a vector of adjacent entries of an array from index `place` on, one for each member."""
         ref = self.new(kind, wide=True)
         self.out.append(VectorLoad(ref, self.vector(kind), array, place))
         return ref
 
     def call(self, callee: Procedure, args: Sequence[int]) -> tuple[int, ...]:
-        """Add a call of a procedure for all lanes, and return the numbers of its results."""
+        """Add a call of a procedure for all lanes, and return the ids of its results."""
         refs = []
         for one in callee.results:
             kind, wide = (one.kind, True) if isinstance(one, Vector) else (one, False)
@@ -128,7 +134,7 @@ class MemberStatements:
     # --- masks and variables
 
     def both(self, mask: int, other: int) -> int:
-        """Return the mask of the members in both masks. `other` may be undefined outside of `mask`."""
+        """Return the mask of the members in both masks. `other` may be undefined for members outside `mask`."""
         return self.put("select", FLAG, mask, other, self.constant(FLAG, value=False))
 
     def without(self, mask: int, gone: int) -> int:
@@ -142,19 +148,19 @@ class MemberStatements:
         return ref
 
     def got(self, variable: MemberVariable) -> int:
-        """Read a variable and return its value."""
+        """Add the read of a variable and return the id of its value."""
         wide = variable.ref in self.vectors
         ref = self.new(variable.kind, wide=wide)
         self.out.append(Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
         return ref
 
     def set(self, variable: MemberVariable, value: int) -> None:
-        """Set a variable for all members."""
+        """Add an assignment to a variable for all members."""
         self.out.append(Set(variable.ref, value))
 
 
 def leaves(block: Block) -> bool:
-    """Return True if a block contains a statement that leaves the procedure."""
+    """Return True if a block contains a return from the procedure."""
     return any(isinstance(one, Leave) for one in walk(block))
 
 
@@ -164,7 +170,7 @@ def count_statements(block: Block) -> int:
 
 
 def is_cheap(when: When) -> bool:
-    """Return True if computing both sides of a branch costs less than testing whether any member takes them."""
+    """Return True if computing both branches takes less time than testing whether any member takes each."""
     both = (*when.then, *when.otherwise)
     allowed = all(isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and one.op in CHEAP) for one in both)
     return allowed and sum(isinstance(one, Let) for one in both) <= SHORT_BRANCH

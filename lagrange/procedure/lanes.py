@@ -1,8 +1,9 @@
 """Rewrite a procedure for many members at once, one in each lane of vectors.
 
-A value that is the same for all members stays a number. Any other becomes a vector with one entry for each member. A
-condition that differs becomes a mask: a branch is entered if some member takes it, and changes nothing for the others.
-A loop runs until no member is left in it. The result of a member depends on its own numbers only.
+A member is one of several runs of the procedure with different arguments. A value that is the same for all members is
+computed once. Any other value becomes a vector with one entry for each member. A condition that differs between members
+becomes a mask: a branch is entered if any member takes it, and has no effect for the other members. A loop runs until
+no member is left in it. The results of a member do not depend on the numbers of other members.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ UNROLLED = 64
 
 
 class MemberProcedures:
-    """Procedures for `lanes` members, 2, 4 or 8. Each is rewritten once for every signature."""
+    """Rewrites procedures for `lanes` members, 2, 4 or 8. Each procedure is rewritten once for every signature."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -83,11 +84,11 @@ class MemberProcedures:
         self.numbers = count()
 
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure that runs all members at once; `signature` says which arguments they share.
+        """Return the procedure that runs all members at once. `signature` says which arguments differ between members.
 
-        Its first argument is the mask of the members that take part. An argument that differs between members is a
-        vector. An array of each member has entry i of all members side by side. If its part begins at an index of each
-        member, the vector of indices follows it. Results that differ are vectors.
+        The first argument is the mask of the members to run. An argument or result that differs is a vector. An array
+        with own values for each member holds entry i of all members side by side. If the part of each member begins at
+        another index, the vector of these indices follows the array.
         """
         key = procedure, signature
         if key not in self.known:
@@ -96,10 +97,10 @@ class MemberProcedures:
         return self.known[key]
 
     def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure with the numbers of each member in memory, for callers without vectors.
+        """Return the procedure that runs all members, with their numbers in arrays, for callers without vectors.
 
-        The first argument has a whole number for each member, above zero if it takes part. An argument that differs is
-        an array with a number for each member. So is each result, named `result0` and so on; flags are whole numbers.
+        The first argument has a whole number for each member, above zero if the member is to run. An argument that
+        differs is an array with a number for each member. So is each result, `result0` and so on; flags are wholes.
         """
         called = self.of(procedure, signature)
         p = MemberStatements(self.lanes)
@@ -120,7 +121,7 @@ class MemberProcedures:
 
 
 class _Rewriter(Visitor, MemberStatements):
-    """Rewrites one procedure for one signature.
+    """Rewrites one procedure for one signature. Ids of the original procedure are "old".
 
     `level` is the number of enclosing branches that only some members take.
     """
@@ -160,7 +161,7 @@ class _Rewriter(Visitor, MemberStatements):
         return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.apart)
 
     def parameter(self, one: Parameter, share: Share) -> list[Parameter]:
-        """Return the parameters of the new procedure that replace an old one."""
+        """Return the new parameters for an old one. `share` says whether the argument differs between members."""
         match one.type:
             case Callee() | Vector():
                 raise LagrangeError(f"procedure {self.procedure.name} has {one.name}, which is no number or memory.")
@@ -179,7 +180,7 @@ class _Rewriter(Visitor, MemberStatements):
                 return made
 
     def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
-        """Return the memory that replaces an array or record of the caller."""
+        """Return the memory of the new procedure that replaces the caller's array or record with the id `old`."""
         self.types[old] = kind
         made = self.memory[old] = MemberMemory(
             self.new(), share.own, self.new(WHOLE, wide=True) if share.apart else None
@@ -189,16 +190,16 @@ class _Rewriter(Visitor, MemberStatements):
     # --- values and masks
 
     def differs(self, old: int) -> bool:
-        """Return True if an old value may differ between members."""
+        """Return True if the value with the id `old` may differ between members."""
         return old in self.spread.own
 
     def value(self, old: int, *, wide: bool) -> int:
-        """Return the value that replaces an old one, as a vector if `wide` is true."""
+        """Return the id of the value that replaces an old one, as a vector if `wide` is true."""
         ref = self.values[old]
         return self.wide(ref) if wide else ref
 
     def present(self, mask: int, statement: Statement) -> int:
-        """Return a mask without the members that left the procedure inside a statement."""
+        """Return a mask without the members that returned from the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
@@ -214,7 +215,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Rewrite a variable. It is set under a mask if more members were active at its declaration than now."""
+        """Rewrite a variable. An assignment uses the mask if fewer members are active than at the declaration."""
         match statement:
             case Declare(ref=ref, value=value):
                 self.variables[ref] = self.declared(self.value(value, wide=self.differs(ref)))
@@ -235,7 +236,7 @@ class _Rewriter(Visitor, MemberStatements):
             self.statement(statement)
 
     def inside(self, block: Block, mask: int) -> Block:
-        """Return the statements of an inner block, rewritten for the members of a mask."""
+        """Return the statements of an inner block, rewritten for the members in the mask."""
         outside, self.out, self.mask = self.out, [], mask
         self.block(block)
         made, self.out = tuple(self.out), outside
@@ -271,7 +272,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- memory
 
     def index(self, held: MemberMemory, place: int) -> int:
-        """Return the index in the new memory for an index that is the same for all members."""
+        """Return the id of the index in the new memory for an old index `place` that is the same for all members."""
         if not held.own:
             return place
         known = self.constants.get(place)
@@ -280,7 +281,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("mul", WHOLE, place, self.constant(WHOLE, self.lanes))
 
     def indices(self, held: MemberMemory, place: int) -> int:
-        """Return the vector of indices in the new memory. Each member has its own index."""
+        """Return the id of a vector of indices in the new memory, one for each member, for an old index `place`."""
         found = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
         if not held.own:
             return self.wide(found)
@@ -291,7 +292,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("add", WHOLE, first, numbers)
 
     def is_anywhere(self, array: int, place: int) -> bool:
-        """Return True if members may access an array at different indices."""
+        """Return True if members may access an array at different indices. `place` is the old index."""
         return self.memory[array].apart is not None or self.differs(place)
 
     @visits(Load)
@@ -339,7 +340,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(Reserve, ReserveRecord, Part)
     def local(self, one: Reserve | ReserveRecord | Part) -> None:
-        """Rewrite new memory, or a part of an array."""
+        """Rewrite the allocation of local memory, or a part of an array."""
         ref = self.new()
         match one:
             case Reserve(array=array):
@@ -378,7 +379,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Rewrite a return for the members of the mask. The procedure returns if no other members are left."""
+        """Rewrite a return for the members in the mask. The procedure returns once all members have returned."""
         pairs = zip(leave.values, self.spread.results, strict=True)
         values = [self.value(ref, wide=own) for ref, own in pairs]
         if self.alive is not None:
@@ -400,7 +401,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> None:
-        """Rewrite a branch or a loop. Members that leave the procedure inside are removed from the mask after it."""
+        """Rewrite a branch or a loop. Members that return inside it are removed from the mask."""
         before = self.mask
         match statement:
             case When() if not self.differs(statement.condition):
@@ -429,7 +430,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.out.append(When(self.values[when.condition], then, otherwise, when.likely))
 
     def chosen_branch(self, when: When) -> None:
-        """Rewrite a branch without branching: both sides are computed, and each member selects its own."""
+        """Rewrite a branch by selection: both branches are computed, and each member selects its values."""
         mask, condition = self.mask, self.value(when.condition, wide=True)
         self.level += 1
         for body, side in ((when.then, self.both), (when.otherwise, self.without)):
@@ -439,7 +440,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.level -= 1
 
     def masked_branch(self, when: When) -> None:
-        """Rewrite a branch that only some members may take. A side that no member takes is skipped."""
+        """Rewrite a branch that only some members may take. A branch that no member takes is skipped."""
         mask, condition = self.mask, self.value(when.condition, wide=True)
         sides = [(self.both(mask, condition), when.then, when.likely)]
         if when.otherwise:
@@ -476,7 +477,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.repeated(loop, goes_on, body, own=own)
 
     def repeat(self, repeat: Repeat) -> None:
-        """Rewrite a loop under a condition. It runs until the condition holds for no member."""
+        """Rewrite a loop under a condition. It runs until the condition is false for all members."""
 
         def goes_on() -> int:
             self.block(repeat.test)
@@ -487,9 +488,9 @@ class _Rewriter(Visitor, MemberStatements):
     def repeated(
         self, loop: Loop | Repeat | Each, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool
     ) -> None:
-        """Add a loop; `goes_on` adds its condition, and `body` its statements.
+        """Add a loop. `goes_on` adds the statements of its condition, and `body` those of its iterations.
 
-        `own` is true if members may end it at different iterations.
+        `own` is true if members may end the loop at different iterations.
         """
         before, outside = self.mask, self.out
         inside = self.declared(before) if own else None
@@ -514,7 +515,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- iterations
 
     def each(self, each: Each) -> None:
-        """Rewrite an `each`, one iteration after the other, because the lanes hold members."""
+        """Rewrite an `each` as a loop of single iterations, because the lanes hold members instead of iterations."""
         own, iterations = self.differs(each.iterations), self.values[each.iterations]
         known = self.constants.get(iterations)
         sums: list[list[int]] = []
@@ -534,7 +535,7 @@ class _Rewriter(Visitor, MemberStatements):
             self.values[fold.ref] = self.total(found, iterations)
 
     def looped(self, each: Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
-        """Rewrite the iterations as a loop, and return the partial results of its reductions."""
+        """Rewrite the iterations as a loop from initial values `sums`; return the partial results of each reduction."""
         partial = [[self.declared(one) for one in found] for found in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
 
@@ -570,7 +571,7 @@ class _Rewriter(Visitor, MemberStatements):
         return [[self.got(variable) for variable in variables] for variables in partial]
 
     def collected(self, fold: Fold, found: Sequence[int]) -> list[int]:
-        """Return the partial results of a reduction after one more value, rotated: the first gets the next value."""
+        """Return the partial results after one more value: the first one, with the value added, moves to the end."""
         before, value = found[0], self.values[fold.value]
         if fold.factor is not None:
             new = self.put("fma", REAL, value, self.values[fold.factor], before)
@@ -581,7 +582,7 @@ class _Rewriter(Visitor, MemberStatements):
         return [*found[1:], new]
 
     def total(self, found: Sequence[int], iterations: int) -> int:
-        """Return the result of a reduction from its partial results. Value i was added to partial sum i mod 4."""
+        """Return the result of a reduction. Its partial results `found` were rotated once for each iteration."""
         if len(found) == 1:
             return found[0]
         known = self.constants.get(iterations)
@@ -593,6 +594,6 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("select", REAL, is_even, self.summed(found, 0), self.summed(found, 1))
 
     def summed(self, found: Sequence[int], odd: int) -> int:
-        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the number of terms modulo 2."""
+        """Return the sum of four partial sums, first in pairs. `odd` is 1 after an odd number of iterations, else 0."""
         a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
         return self.put("add", REAL, self.put("add", REAL, a, b), self.put("add", REAL, c, d))

@@ -50,7 +50,7 @@ Functions = Mapping[str, Procedure]
 
 
 def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Procedure:
-    """Return a procedure in which `functions` replace the function parameters with their names.
+    """Return a procedure in which each function parameter is replaced by the entry of `functions` with its name.
 
     Unread parameters are dropped here and in callees, but the signatures of `functions` are unchanged. `prefix` is
     added to the names of all procedures except `functions`. Raises LagrangeError if a procedure calls a function
@@ -60,7 +60,7 @@ def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Pr
 
 
 class _Binder:
-    """Binds procedures. For the same functions each procedure is bound once."""
+    """Replaces function parameters of procedures by given functions. Each procedure is rewritten once."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
@@ -117,7 +117,7 @@ class Pruner:
         self.known: dict[Procedure, Procedure] = {}
 
     def pruned(self, procedure: Procedure) -> Procedure:
-        """Return a procedure without values that are never read, here and in its callees."""
+        """Return a procedure without values that are never read, in it or in its callees."""
         if procedure not in self.known:
             body, got, before = procedure.body, _variables_read(procedure.body), None
             while got != before:
@@ -129,7 +129,10 @@ class Pruner:
 
 
 class _Pass:
-    """One backward pass over a procedure. `got` are the variables that are read anywhere in it."""
+    """One backward pass over a procedure.
+
+    `got` are the ids of the variables that are read anywhere in the procedure.
+    """
 
     def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
         self.pruner, self.got = pruner, got
@@ -145,7 +148,7 @@ class _Pass:
         return tuple(reversed(kept))
 
     def statement(self, statement: Statement) -> Statement:
-        """Return a statement with pruned blocks and callees, and record the numbers that it reads."""
+        """Return a statement with pruned blocks and callees, and record the ids of its operands as needed."""
         self.needed.update(operands(statement))
         if isinstance(statement, Call) and isinstance(statement.callee, Procedure):
             return statement._replace(callee=self.pruner.pruned(statement.callee))
@@ -165,14 +168,14 @@ class _Pass:
 
 
 def _variables_read(block: Block) -> frozenset[int]:
-    """Return the variables that the statements of a block read."""
+    """Return the ids of the variables that the statements of a block read."""
     return frozenset(one.variable for one in walk(block) if isinstance(one, Get))
 
 
 def unpacked(procedure: Procedure) -> Procedure:
-    """Return a procedure with numbers and flags in place of vectors. A procedure without vectors is returned unchanged.
+    """Return a procedure with one value for each entry of a vector. A procedure without vectors is returned unchanged.
 
-    Callees are not unpacked here; their printers unpack them.
+    Callees keep their vectors; their printers unpack them.
     """
     statements = list(walk(procedure.body))
     if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
@@ -183,7 +186,7 @@ def unpacked(procedure: Procedure) -> Procedure:
 
 
 class _Unpacker:
-    """Rewrites blocks without vectors. `entries` has the numbers of the entries of each vector."""
+    """Rewrites blocks without vectors. `entries` maps the id of a vector to the ids of its entries."""
 
     def __init__(self, first: int) -> None:
         self.unused = count(first)
@@ -193,7 +196,7 @@ class _Unpacker:
         self.out: list[Statement] = []
 
     def block(self, block: Block) -> Block:
-        """Return a block without vectors."""
+        """Return a block in which vectors are replaced by their entries."""
         outside, self.out = self.out, []
         for statement in block:
             statement = renamed(statement, self.same)
@@ -236,17 +239,17 @@ class _Unpacker:
         return made
 
     def let(self, kind: Kind, op: str, args: tuple[int, ...], data: float | None = None) -> int:
-        """Add an operation, and return the number of its result."""
+        """Add an operation, and return the id of its result. `data` is the value of a constant."""
         ref = next(self.unused)
         self.out.append(Let(ref, kind, op, args, data))
         return ref
 
     def numbers(self, vector: Kind | Vector) -> tuple[int, ...]:
-        """Return new numbers for the entries of a vector."""
+        """Return new ids for the entries of a vector, or one id for a single value."""
         return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
 
     def vector(self, let: VectorLet) -> tuple[int, ...]:
-        """Add an operation for each entry of a vector, and return the numbers of the results."""
+        """Add an operation for each entry of a vector, and return the ids of the results."""
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
         if let.op == "permute":
             entries = [entry for arg in args for entry in arg]
@@ -254,7 +257,7 @@ class _Unpacker:
         return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
 
     def reduce(self, reduce: Reduce) -> None:
-        """Add the operations of a sum, or of the test whether any flag is true."""
+        """Add the operations of a sum over a vector, or of the test whether any of its flags is true."""
         op, left = "or" if reduce.op == "any" else "add", list(self.entries[reduce.vector])
         while len(left) > 1:
             half = len(left) // 2
@@ -264,14 +267,17 @@ class _Unpacker:
             left = refs
 
     def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
-        """Return `width` successive indices, beginning with `place`."""
+        """Return the ids of `width` successive indices, beginning with `place`."""
         steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
         return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
 
     def loaded(
         self, load: VectorLoad | Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
     ) -> tuple[int, ...]:
-        """Return entries of an array. Where a flag is false, an entry is zero."""
+        """Add the reads of an array at the indices `places`, and return the ids of the results.
+
+        Where a flag is false, the result is zero and memory is not read. `flags` is None without a mask.
+        """
         kind, refs = load.vector.kind, []
         for k, place in enumerate(places):
             ref = next(self.unused)
@@ -287,7 +293,7 @@ class _Unpacker:
         return tuple(refs)
 
     def store(self, store: VectorStore | Scatter, places: tuple[int, ...]) -> None:
-        """Write the entries of a vector."""
+        """Add the writes of a vector's entries to an array at the indices `places`, under the mask of the statement."""
         for k, (place, value) in enumerate(zip(places, self.entries[store.value], strict=True)):
             written = Store(store.array, place, value)
             self.out.append(written if store.mask is None else When(self.entries[store.mask][k], (written,)))

@@ -16,8 +16,8 @@ _BUILDING = threading.RLock()
 def shared(build: Callable[Given, Found]) -> Callable[Given, Found]:
     """Return a function that calls `build` once for each set of arguments, and caches the results.
 
-    With `functools.cache` two threads could build two procedures with one name. A procedure must not call both. A
-    single reentrant lock serves all caches, because one build may call another.
+    With `functools.cache` two threads could build two procedures with the same name, and a procedure that calls both
+    would be invalid. A single reentrant lock serves all caches, because one build may call another.
     """
     known: dict[Hashable, Found] = {}
 

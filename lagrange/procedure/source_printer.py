@@ -1,7 +1,7 @@
 """Print a procedure as source text: the part that all languages share.
 
-A value that is used once is printed inside its use, unless its operands change before that; other values get names. A
-language defines the look of operations, literals, arrays, records, branches and loops.
+The text of a value that is used once is inserted at its use, unless its operands change before that. Other values get
+names. A language defines the look of operations, literals, arrays, records, branches and loops.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ LONGEST_VALUE = 60
 class SourcePrinter(Visitor, Syntax):
     """Prints one procedure in a language; a subclass defines the form of its statements.
 
-    `taken` are words that are not used as names. Parameters with such a name keep it.
+    `taken` are words of the language that are not used as names, except for parameters that have such a name.
     """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
@@ -97,11 +97,14 @@ class SourcePrinter(Visitor, Syntax):
             self.name(parameter.ref, parameter.name)
 
     def function_name(self, procedure: Procedure) -> str:
-        """Return the name under which a procedure is called."""
+        """Return the name under which a procedure is called in printed code."""
         return procedure.name
 
     def name(self, ref: int, stem: str = "") -> str:
-        """Choose an unused name for a value."""
+        """Choose an unused name for the value with the id `ref`, and return it.
+
+        `stem` is the preferred beginning of the name.
+        """
         wanted = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
         plain, count = wanted.strip("_"), 1
         while self.key(wanted) in self.taken:
@@ -118,40 +121,40 @@ class SourcePrinter(Visitor, Syntax):
         return [one for one in self.procedure.parameters if one.ref not in read]
 
     def key(self, name: str) -> str:
-        """Return the part of a name that the language compares. Names with equal keys are the same name in it."""
+        """Return the form of a name by which the language compares names, for example in lower case."""
         return name
 
     def put(self, line: str) -> None:
-        """Print a line unchanged."""
+        """Print a line without printing pending values first."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement. Pending values that it might change are printed before it."""
+        """Print a statement, after the pending values that it might change."""
         self.settle()
         self.put(line)
 
     def settle(self) -> None:
-        """Print an assignment for every pending value, before a statement that may change their operands."""
+        """Print an assignment for every pending value, because the next statement may change its operands."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
         self.waiting.clear()
 
     def kind(self, ref: int) -> Kind:
-        """Return the kind of a value."""
+        """Return the kind of the value with the id `ref`."""
         found = self.types[ref]
         assert isinstance(found, Kind)
         return found
 
     def array(self, ref: int) -> Array:
-        """Return the type of an array."""
+        """Return the type of the array with the id `ref`."""
         found = self.types[ref]
         assert isinstance(found, Array)
         return found
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses if its binding strength is below `least`."""
+        """Return the text of a value as an operand, in parentheses if its binding strength is below `least`."""
         self.waiting.pop(ref, None)
         level, found = self.texts[ref]
         return found if level >= least else f"({found})"
@@ -167,7 +170,7 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.empty())
 
     def inside(self, block: Block) -> None:
-        """Print statements one level deeper."""
+        """Print statements indented by one more level."""
         self.depth += 1
         self.block(block)
         self.depth -= 1
@@ -212,12 +215,12 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Call)
     def called(self, call: Call) -> None:
-        """Print a call."""
+        """Print a call of a procedure."""
         self.call(call)
 
     @visits(Leave)
     def left(self, leave: Leave) -> None:
-        """Print the end of the procedure."""
+        """Print the return from the procedure."""
         self.leave(leave.values)
 
     @visits(Note)
@@ -246,7 +249,10 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Keep the text of a value until its use. Print it now if it has a name or several uses."""
+        """Keep the text of a value until its use. Print its definition now if it has a name or several uses.
+
+        `level` is the binding strength of the text.
+        """
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
             self.texts[ref], self.waiting[ref] = (level, text), None
@@ -285,7 +291,10 @@ class SourcePrinter(Visitor, Syntax):
                 self.each(statement)
 
     def repeat(self, test: Block, condition: int, body: Block) -> None:
-        """Print a loop under a condition. A condition of more than one line is evaluated inside the body."""
+        """Print a loop under a condition. `test` has the statements that compute the condition.
+
+        If one expression is not enough, `test` and a conditional break are printed at the beginning of an endless loop.
+        """
         self.settle()
         before = len(self.lines)
         self.depth += 1
@@ -306,7 +315,10 @@ class SourcePrinter(Visitor, Syntax):
         self.put(self.closing("while"))
 
     def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[Fold]) -> None:
-        """Print a loop over indices. `places` are the first index, the bound, and the step."""
+        """Print a loop over an index, with the reductions `folds`.
+
+        `places` are the first index, the bound, and the step.
+        """
         self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
         self.write(self.opening("for", INDICES[self.loops], *places))
         self.loops += 1
@@ -319,7 +331,7 @@ class SourcePrinter(Visitor, Syntax):
         self.put(self.closing("for"))
 
     def each(self, each: Each) -> None:
-        """Print an `each` as a loop, with four partial sums in an array."""
+        """Print an `each` as a loop over its iterations. A sum has four partial sums in an array."""
         count = self.text(each.iterations, self.end_binds)
         for fold in each.folds:
             self.settle()
@@ -330,7 +342,7 @@ class SourcePrinter(Visitor, Syntax):
             self.end_fold(fold)
 
     def begin_fold(self, fold: Fold) -> None:
-        """Print the initial values of the variables of a fold."""
+        """Print the initial values of the variables of a reduction."""
         self.types[fold.ref] = REAL
         if fold.op in SUMS:
             self.partial_sums(fold.ref)
@@ -339,20 +351,23 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.declare(self.name(fold.ref), REAL, start))
 
     def end_fold(self, fold: Fold) -> None:
-        """Print the assignment of the result of a fold, if its variable is not the result."""
+        """Print the definition of the result of a sum from its partial sums. Other reductions need no statement."""
         if fold.op in SUMS:
             held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
             total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
             self.put(self.define(self.name(fold.ref, f"sum{fold.ref}"), REAL, total))
 
     def partial_sums(self, ref: int) -> None:
-        """Print the definition of the four partial sums of a fold, zero at first."""
+        """Print the definition of the four partial sums of a reduction with the id `ref`, zero at first."""
         self.reserve(ref, Array(REAL, PARTIAL))
         for k in range(PARTIAL):
             self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))
 
     def folded(self, fold: Fold, index: int) -> tuple[str, str]:
-        """Return the target and the text of the assignment that adds one more value to a fold."""
+        """Return target and text of the assignment that adds one more value to a reduction.
+
+        `index` is the id of the loop index.
+        """
         if fold.op in SUMS:
             target = self.partial(fold.ref, self.modulo(self.text(index)))
             product = self.operators["mul"].binds

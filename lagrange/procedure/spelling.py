@@ -1,4 +1,4 @@
-"""Spelling of procedures in languages: operators, constants and statements, and those that a language defines."""
+"""Spelling of procedures in languages: operators, constants and statements that each language defines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ATOM = 10
 
 
 class Operator(NamedTuple):
-    """Binding strength of an operator, its text, and the least binding strength of each operand without parentheses.
+    """An operator: its binding strength, its text, and the least binding strength of each operand without parentheses.
 
     If `operands` is empty, no operand needs parentheses.
     """
@@ -25,16 +25,16 @@ class Operator(NamedTuple):
     operands: tuple[int, ...] = ()
 
     def applied(self, operand: Callable[[int, int], str], args: Sequence[int]) -> str:
-        """Return the text of the operation.
+        """Return the text of the operation on operands with the ids `args`.
 
-        `operand(arg, least)` returns the text of an argument, with parentheses if needed.
+        `operand(arg, least)` returns the text of an operand, in parentheses if its binding strength is below `least`.
         """
         least = self.operands or (0,) * len(args)
         return self.text.format(*(operand(arg, one) for arg, one in zip(args, least, strict=True)))
 
 
 def call(text: str) -> Operator:
-    """Return an operation that is printed as a call, whose arguments need no parentheses."""
+    """Return an operation that is printed as a function call, whose arguments need no parentheses."""
     return Operator(ATOM, text)
 
 
@@ -65,7 +65,7 @@ WORDS: Mapping[str, Operator] = {
 
 @dataclass(frozen=True)
 class Literals:
-    """Spelling of constants in a language: infinity, NaN, and the two flags.
+    """Spelling of constants in a language: infinity, NaN, and the two flags (false, true).
 
     `signed` is the binding strength of a number with a sign. `whole` and `finite` print an integer and a finite double.
     """
@@ -84,7 +84,7 @@ class Literals:
         return self.nan if math.isnan(value) else f"{'-' * (value < 0)}{self.infinity}"
 
     def spelled(self, kind: Kind, data: Any) -> tuple[int, str]:
-        """Return the binding strength of a constant, and its text."""
+        """Return the binding strength of a constant, and its text. `data` is the value of the constant."""
         if kind is FLAG:
             return ATOM, self.flags[bool(data)]
         text = self.whole(data) if kind is WHOLE else self.real(data)
@@ -94,8 +94,8 @@ class Literals:
 class Syntax(ABC):
     """Spelling of a procedure in a language.
 
-    `operators` has the operations that are operators; all others are functions. `literals` prints constants. `greater`
-    has the comparison with exchanged operands for each comparison, used if the first operand is a constant.
+    `operators` has the operations that are printed as operators; all others are functions. `literals` prints constants.
+    `greater` has the texts of comparisons with exchanged operands, used if the first operand is a constant.
     """
 
     operators: Mapping[str, Operator]
@@ -111,7 +111,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def head(self) -> list[str]:
-        """Return the lines before the body. The names of the parameters are chosen before."""
+        """Return the lines before the body. The names of the parameters are already chosen."""
 
     def tail(self) -> list[str]:
         """Return the lines after the body."""
@@ -123,7 +123,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def legal(self, stem: str) -> str:
-        """Return a valid name that begins with a stem. It may be in use already."""
+        """Return a valid name that begins with a stem. The name may be in use already."""
 
     @abstractmethod
     def function_of(self, op: str) -> str:
@@ -143,22 +143,22 @@ class Syntax(ABC):
 
     @abstractmethod
     def element(self, array: int, place: int) -> str:
-        """Return an element of an array."""
+        """Return the text of the element at an index of an array. `array` and `place` are ids."""
 
     @abstractmethod
     def reserve(self, ref: int, array: Array) -> None:
-        """Print a local array, and choose its name."""
+        """Print the declaration of a local array, and choose its name."""
 
     @abstractmethod
     def reserve_record(self, ref: int, record: Record) -> None:
-        """Print a local record of zeros."""
+        """Print the declaration of a local record of zeros, and choose its name."""
 
     @abstractmethod
     def part(self, part: Part) -> None:
-        """Print or keep the part of an array from an index on."""
+        """Print the definition of a part of an array, or keep its text until its use."""
 
     def member(self, record: int, field: str) -> str:
-        """Return a field of a record."""
+        """Return the text of a field of a record."""
         return f"{self.text(record, ATOM)}.{field}"
 
     @abstractmethod
@@ -167,7 +167,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def leave(self, values: Sequence[int]) -> None:
-        """Print the end of the procedure."""
+        """Print the return from the procedure with results."""
 
     @abstractmethod
     def comment(self, text: str) -> str:
@@ -177,25 +177,28 @@ class Syntax(ABC):
     def opening(self, kind: str, *texts: str) -> str:
         """Return the line that opens a block.
 
-        Its kind is `if` (a condition), `else`, `while` (a condition), `forever`, or `for` (an index, its first value,
-        the value that it stays below, its step).
+        The kind of the block is `if` (texts: a condition), `else`, `while` (a condition), `forever`, or `for` (an
+        index, its first value, its upper bound, which is excluded, and its step).
         """
 
     @abstractmethod
     def closing(self, kind: str) -> str:
-        """Return the line that closes a block, or ""; an `else` then follows the `if` directly."""
+        """Return the line that closes a block of a kind, or "". After "" for an `if`, its `else` follows directly."""
 
     @abstractmethod
     def leaving_loop(self) -> str:
         """Return the statement that leaves a loop."""
 
     def empty(self) -> str:
-        """Return the placeholder in a block without statements."""
+        """Return the placeholder statement for a block without statements."""
         return ""
 
     @abstractmethod
     def partial(self, ref: int, place: str) -> str:
-        """Return the text of a partial sum. Its index is a number, or the text of an index below four."""
+        """Return the text of a partial sum of the reduction with the id `ref`.
+
+        `place` is the text of its index, 0 to 3.
+        """
 
     @abstractmethod
     def modulo(self, index: str) -> str:
@@ -203,4 +206,4 @@ class Syntax(ABC):
 
     @abstractmethod
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses if its binding strength is below `least`."""
+        """Return the text of a value as an operand, in parentheses if its binding strength is below `least`."""

@@ -1,7 +1,8 @@
-"""Determine which values of a procedure differ between members that run in parallel lanes.
+"""Analysis: which values of a procedure differ between members that run in parallel lanes.
 
-A value differs if it depends on an argument that differs, or if members may have taken different branches. All other
-values are common: they are computed once for all members.
+A member is one of several runs of the procedure with different arguments. A value differs if it depends on an argument
+that differs, or if members may have taken different branches. All other values are common: they are computed once for
+all members.
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ from lagrange.procedure.visit import Visitor, defined, operands, visits
 
 
 class Share(NamedTuple):
-    """Sharing of an argument: `own` if it differs between members.
+    """Whether an argument is the same for all members: `own` is true if it differs between members.
 
-    An array is `apart` if each member uses another part.
+    An array is `apart` if the part that a member uses begins at another index for each member.
     """
 
     own: bool
@@ -56,7 +57,11 @@ Signature = tuple[Share, ...]
 
 
 def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
-    """Return the sharing of a call's arguments. `own` are the values that differ, `apart` the arrays that are apart."""
+    """Return the `Share` of each argument of a call.
+
+    `own` has the ids of the values that differ between members, `apart` those of the arrays whose parts begin at
+    different indices.
+    """
     assert isinstance(call.callee, Procedure)
     return tuple(
         Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
@@ -66,10 +71,10 @@ def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Sign
 
 @dataclass(frozen=True)
 class Spread:
-    """Result of the analysis: numbers of the values, variables and memory that are `own`, and indices of such results.
+    """Result of the analysis: ids in `own` belong to values, variables and memory that differ between members.
 
-    Arrays in `apart` begin at another index for each member. With `parting`, members may leave the procedure at
-    different statements.
+    Arrays in `apart` begin at another index for each member. With `parting`, members may return at different
+    statements. `results` has a flag for each result: true if it differs.
     """
 
     own: frozenset[int]
@@ -80,12 +85,12 @@ class Spread:
 
 @dataclass
 class Spreads:
-    """The spreads of procedures by their signatures, each computed once."""
+    """Cache of the analyses of procedures, by procedure and signature."""
 
     known: dict[tuple[Procedure, Signature], Spread] = field(default_factory=dict)
 
     def of(self, procedure: Procedure, signature: Signature) -> Spread:
-        """Return the spread of a procedure whose arguments are shared as in the signature."""
+        """Return the analysis of a procedure for a signature, which says which arguments differ between members."""
         key = procedure, signature
         if key not in self.known:
             self.known[key] = _SpreadSearch(self, procedure, signature).spread()
@@ -93,9 +98,9 @@ class Spreads:
 
 
 class _SpreadSearch(Visitor):
-    """Fixed-point iteration over a procedure.
+    """Fixed-point iteration over a procedure: passes are repeated until no further value differs.
 
-    It is repeated until no further value differs, because loops carry variables back.
+    One pass is not enough, because variables carry values to the next iteration of a loop.
     """
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
@@ -112,7 +117,7 @@ class _SpreadSearch(Visitor):
                 self.written[parameter.ref] = None
 
     def spread(self) -> Spread:
-        """Return the spread after the last pass."""
+        """Run passes until nothing changes, and return the result."""
         before = None
         while before != (before := self.size()):
             self.block(self.procedure.body, parted=False)
@@ -120,22 +125,22 @@ class _SpreadSearch(Visitor):
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
     def size(self) -> tuple[int, ...]:
-        """Return the numbers of values that differ. They grow until the iteration ends."""
+        """Return counts of the ids and results that differ. They grow until the iteration ends."""
         return len(self.own), len(self.apart), self.parting, sum(self.results)
 
     def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
-        """Record that the values of a number differ between members. An array is `own`, `apart`, or both."""
+        """Record that a value differs between members (`own`), or that array parts begin at different indices."""
         if own:
             self.own[ref] = None
         if apart:
             self.apart[ref] = None
 
     def differs(self, refs: Iterable[int]) -> bool:
-        """Return True if one of the numbers differs between members."""
+        """Return True if the value of one of the ids differs between members."""
         return any(ref in self.own for ref in refs)
 
     def block(self, block: Block, *, parted: bool) -> None:
-        """Visit statements. `parted` is true if only some of the members reach them."""
+        """Visit the statements of a block. `parted` is true if only some of the members reach them."""
         before, self.parted = self.parted, parted
         for statement in block:
             self.statement(statement)
@@ -143,11 +148,11 @@ class _SpreadSearch(Visitor):
 
     @visits(Note, Store, Write)
     def defines_nothing(self, statement: Note | Store | Write) -> None:
-        """Visit a statement without results: nothing to record."""
+        """Visit a statement without results: there is nothing to record."""
 
     @visits(Let, SineCosine, Read)
     def operation(self, statement: Let | SineCosine | Read) -> None:
-        """Record whether the results of an operation differ between members: they do if an operand does."""
+        """Record the results of an operation, which differ between members if an operand does."""
         for ref in defined(statement):
             self.mark(ref, own=self.differs(operands(statement)))
 
@@ -172,7 +177,7 @@ class _SpreadSearch(Visitor):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Record whether a variable, or the value that is read or set, differs between members."""
+        """Record whether a variable, or the value read from it or assigned to it, differs between members."""
         match statement:
             case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
                 self.mark(ref, own=value in self.own)

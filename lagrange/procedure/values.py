@@ -34,7 +34,7 @@ Number = float | int
 
 
 class Value:
-    """One number of a procedure. Every operation on it is a new statement of the block that is being built."""
+    """One value of a procedure. Every operation on it adds a statement to the block that is being built."""
 
     kind: ClassVar[Kind]
 
@@ -45,7 +45,7 @@ class Value:
         raise LagrangeError("a value of a procedure is known when it runs: use `with p.when(...)` and not `if`.")
 
     def called(self, name: str) -> Any:
-        """Return the value, and set its name for listings and printed code."""
+        """Return the value itself, after setting its name for listings and printed code."""
         self.builder.names[self.ref] = name
         return self
 
@@ -128,7 +128,7 @@ class Flag(Value):
 
     @staticmethod
     def of(value: Any) -> Flag:
-        """Return a value as a flag. Raises LagrangeError for another kind."""
+        """Return `value` if it is a flag. Raises LagrangeError for a value of another kind."""
         assert isinstance(value, Flag)
         return value
 
@@ -146,7 +146,7 @@ VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, F
 
 
 class Entries:
-    """A short vector. Operators work entry by entry; a number or flag that meets a vector is broadcast."""
+    """A short vector. Operators work entry by entry. If the other operand is a number or flag, it is broadcast."""
 
     def __init__(self, builder: Builder, ref: int, vector: Vector) -> None:
         self.builder, self.ref, self.vector = builder, ref, vector
@@ -186,16 +186,16 @@ class Entries:
         return self.builder.entrywise("not", self)
 
     def equals(self, other: Any) -> Entries:
-        """Return a flag for each entry: true if the two are equal, false if one is NaN."""
+        """Return the vector of flags that are true where both entries are equal. A flag is false if an entry is NaN."""
         return self.builder.entrywise("equal", self, other)
 
     def permuted(self, *places: int) -> Any:
-        """Return the vector of the entries with the given indices, or the single entry for one index."""
+        """Return the vector of the entries at the indices `places`. For one index, return the single entry."""
         return self.builder.permuted([self], places)
 
     @property
     def sum(self) -> Any:
-        """Sum of the entries. Halves are added until one value is left."""
+        """Sum of the entries. The two halves of the vector are added until one value is left."""
         return self.builder.made(self.vector.kind, lambda ref: Reduce(ref, self.vector.kind, "sum", self.ref))
 
     @property
@@ -205,7 +205,7 @@ class Entries:
 
 
 class Variable:
-    """A number or a vector that changes: read and set as `value`."""
+    """A number or a vector that can change. Its attribute `value` reads and sets it."""
 
     def __init__(self, builder: Builder, ref: int, kind: Kind | Vector) -> None:
         self.builder, self.ref = builder, ref
@@ -222,7 +222,7 @@ class Variable:
 
 
 class Memory:
-    """An array: read and written by index; `at` is its part from an index on."""
+    """An array, read and written by index. `at` returns the part from an index on."""
 
     def __init__(self, builder: Builder, ref: int, array: Array) -> None:
         self.builder, self.ref, self.array = builder, ref, array
@@ -238,7 +238,7 @@ class Memory:
     def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
         """Return `width` adjacent entries from index `place` on, as a vector.
 
-        Where a mask is false, the entry is zero.
+        Where the mask is false, the entry of the vector is zero.
         """
         vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
         held = None if mask is None else mask.ref
@@ -246,13 +246,13 @@ class Memory:
         return made
 
     def gathered(self, places: Entries) -> Entries:
-        """Return the entries with the indices in a vector, as a vector."""
+        """Return the vector of the entries at the indices in the vector `places`."""
         vector = Vector(self.array.kind, places.vector.width)
         made: Entries = self.builder.made(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
         return made
 
     def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
-        """Write a vector to adjacent entries from index `place` on, where a mask is true."""
+        """Write a vector to adjacent entries from index `place` on, where the mask is true."""
         start = self.builder.operand(place, WHOLE)
         self.builder.add(VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
 

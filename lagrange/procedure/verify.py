@@ -1,4 +1,4 @@
-"""Check a procedure: every operand is defined and of its kind, and every path ends with the results."""
+"""Check a procedure: every operand is defined and of the right kind, and every path returns the results."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def verify(procedure: Procedure) -> None:
 class _Check(Visitor):
     """Walks a procedure with the types of the values defined so far.
 
-    Methods return True if the procedure ends there.
+    Methods that check a statement return True if the statement ends the procedure.
     """
 
     def __init__(self, procedure: Procedure) -> None:
@@ -123,7 +123,7 @@ class _Check(Visitor):
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Context that drops the definitions made inside when it ends."""
+        """Context at whose end the definitions made inside are dropped."""
         known, variables = dict(self.known), dict(self.variables)
         yield
         self.known, self.variables = known, variables
@@ -354,7 +354,10 @@ class _Check(Visitor):
                 self.kind(value, REAL)
 
     def has_room(self, index: int, body: Block) -> None:
-        """Raise an error for a sum with a variable count over arrays without room for a whole last block."""
+        """Raise an error unless the arrays that a reduction accesses at its `index` have room for a whole last block.
+
+        Called for reductions whose number of iterations is not a constant.
+        """
         for one in body:
             if isinstance(one, (Load, Store)) and one.place == index and self.array(one.array).room < PARTIAL:
                 raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
@@ -366,7 +369,7 @@ class _Check(Visitor):
 
 
 def _entry_kind(found: Type) -> Kind | None:
-    """Return the kind of a number or flag, or that of a vector's entries; None for another type."""
+    """Return the kind of a number or flag, or of a vector's entries; None for another type."""
     return found if isinstance(found, Kind) else found.kind if isinstance(found, Vector) else None
 
 

@@ -1,4 +1,4 @@
-"""The visitor over the statements of procedures, and tables of the numbers that each statement reads and defines.
+"""The visitor over the statements of procedures, and a table of the ids that each statement reads and defines.
 
 Printers, the verifier and all passes use it. A new statement is added to `form`, to the table here, and as a method to
 each visitor. Defining a visitor class without a method for some statement raises an error.
@@ -47,7 +47,7 @@ from lagrange.procedure.form import (
 
 
 class Fields(NamedTuple):
-    """Names of a statement's fields with numbers: those that it reads, and those that it defines (values or memory)."""
+    """Names of the fields of a statement that hold ids: ids that the statement reads, and ids that it defines."""
 
     read: tuple[str, ...] = ()
     defined: tuple[str, ...] = ()
@@ -84,15 +84,15 @@ FIELDS: Mapping[type, Fields] = {
 
 
 def operands(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers that a statement itself reads, without those inside its blocks.
+    """Return the ids that a statement itself reads, without statements inside its blocks.
 
-    Arrays and records that it writes to are included; variables are not.
+    Arrays and records that the statement writes to are included; variables are not.
     """
     return tuple(ref for name in FIELDS[type(statement)].read for ref in _numbers(getattr(statement, name)))
 
 
 def defined(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers that a statement itself defines, without those inside its blocks."""
+    """Return the ids that a statement itself defines, without statements inside its blocks."""
     found: list[int] = []
     for name in FIELDS[type(statement)].defined:
         value = getattr(statement, name)
@@ -101,7 +101,7 @@ def defined(statement: Statement) -> tuple[int, ...]:
 
 
 def _numbers(value: Any) -> Iterator[int]:
-    """Yield the numbers in a field of a statement. A called procedure has none."""
+    """Yield the ids in a field of a statement. A called procedure has none."""
     match value:
         case int():
             yield value
@@ -117,7 +117,7 @@ def _numbers(value: Any) -> Iterator[int]:
 
 
 def renamed(statement: Statement, names: Mapping[int, int]) -> Statement:
-    """Return a statement in which the numbers that it reads are replaced as in `names`."""
+    """Return a statement in which the ids that it reads are replaced: `names` maps old ids to new ones."""
     if names.keys().isdisjoint(operands(statement)):
         return statement
     read = {name: _renamed(getattr(statement, name), names) for name in FIELDS[type(statement)].read}
@@ -136,12 +136,15 @@ def _renamed(value: Any, names: Mapping[int, int]) -> Any:
 
 
 def reads(block: Block) -> frozenset[int]:
-    """Return the numbers that the statements of a block read, including inner blocks."""
+    """Return the ids that the statements of a block read, including inner blocks."""
     return frozenset(ref for statement in walk(block) for ref in operands(statement))
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Return the number of uses of each value. A use inside a loop counts twice if the value is defined outside."""
+    """Return the number of uses of each id in a block.
+
+    A use inside a loop counts twice if the value is defined outside of the loop.
+    """
     found: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):
@@ -164,7 +167,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def visits(*kinds: type) -> Callable[[Method], Method]:
-    """Declare a method as the visitor of some kinds of statements."""
+    """Mark a method as the visitor of some kinds of statements."""
 
     def marked(method: Method) -> Method:
         method.__dict__["visits"] = kinds
@@ -174,16 +177,16 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 
 
 class Visitor:
-    """Calls the method for the kind of a statement.
+    """Calls the method for the class of a statement.
 
-    A subclass has one method for each kind, marked by `visits`. Visitors of `unpacked` procedures need none for
-    vectors.
+    A subclass has one method for each class of statements, marked by `visits`. A visitor of `unpacked` procedures needs
+    none for vectors.
     """
 
     _methods: ClassVar[Mapping[type, str]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Collect the methods of a subclass. Raises TypeError if a kind of statement has none."""
+        """Collect the methods of a subclass. Raises TypeError if a class of statements has none."""
         found = {
             kind: name
             for base in reversed(cls.__mro__)
@@ -196,9 +199,9 @@ class Visitor:
         cls._methods = found
 
     def statement(self, statement: Statement) -> Any:
-        """Call the method for a statement, and return its result.
+        """Call the method for the class of a statement, and return its result.
 
-        Raises LagrangeError for a vector without a method.
+        Raises LagrangeError for a statement on vectors without a method.
         """
         if type(statement) not in self._methods:
             raise LagrangeError(f"{type(self).__name__} reads no vectors: hand it an unpacked procedure.")

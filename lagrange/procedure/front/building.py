@@ -56,21 +56,24 @@ CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len,
 
 
 class Local:
-    """A function inside a procedure, which is inlined into its callers."""
+    """A function defined inside a procedure, which is inlined into its callers."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
 
 
 class Tracer(Names):
-    """The receiver that builds a procedure, whose results have the given kinds."""
+    """The receiver that builds a procedure. `results` are the kinds of the procedure's results."""
 
     Ended = Ended
 
     # --- control flow
 
     def branches(self, test: Any) -> Branches | Chosen:
-        """Return the two branches of a condition, or the branch to build if the condition is known now."""
+        """Return the two branches of a condition.
+
+        If the condition is known at build time, return only the branch to build.
+        """
         weighed = test if isinstance(test, Weighed) else Weighed(test, likely=True)
         condition = weighed.condition
         if not isinstance(condition, Value):
@@ -95,7 +98,7 @@ class Tracer(Names):
         return RepeatBlock(self, self.p.block)
 
     def sequence(self, values: Any) -> LoopBlock | WrittenLoop:
-        """Return a loop over known values, which is written out, or over the values of an inline generator."""
+        """Return an unrolled loop over values known at build time, or a loop over the values of an inline generator."""
         if isinstance(values, GeneratorType):
             return SplicedLoop(self, values)
         if isinstance(values, (Value, Memory)):
@@ -156,13 +159,13 @@ class Tracer(Names):
         return a**b
 
     def equal(self, a: Any, b: Any) -> Any:
-        """Return the flag a == b, or a bool if both are known now."""
+        """Return the flag a == b, or a bool if both operands are known at build time."""
         if isinstance(a, Flag) or isinstance(b, Flag):
             return self.opposite(self.differ(a, b))
         return self.p.operation("equal", a, b) if isinstance(a, Value) or isinstance(b, Value) else a == b
 
     def differ(self, a: Any, b: Any) -> Any:
-        """Return the flag a != b, or a bool if both are known now."""
+        """Return the flag a != b, or a bool if both operands are known at build time."""
         if isinstance(a, Flag) or isinstance(b, Flag):
             first, second = (self.number(one, FLAG, "a flag") for one in (a, b))
             return self.p.choose(Flag.of(first), self.opposite(second), second)
@@ -174,15 +177,18 @@ class Tracer(Names):
         return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
 
     def both(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left and right`."""
+        """Return the value of `left and right`. The function `right` computes the second operand."""
         return self._joined("and", left, right)
 
     def either(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left or right`."""
+        """Return the value of `left or right`. The function `right` computes the second operand."""
         return self._joined("or", left, right)
 
     def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left and right`, or with `or`. It becomes a branch if `right` loads, calls or stores."""
+        """Return the value of `left op right`, with `op` "and" or "or". `right` is a function without arguments.
+
+        The operation becomes a branch if `right` loads, calls or stores.
+        """
         left = left.condition if isinstance(left, Weighed) else left
         if not isinstance(left, Value):
             return right() if bool(left) == (op == "and") else left
@@ -199,7 +205,8 @@ class Tracer(Names):
     def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
         """Return `then()` if a condition holds, else `otherwise()`.
 
-        Both are computed, unless one of them loads, calls or stores; then a branch selects.
+        Both values are computed if neither function loads, calls or stores. Otherwise a branch selects the function to
+        run.
         """
         condition = test.condition if isinstance(test, Weighed) else test
         if not isinstance(condition, Value):
@@ -225,7 +232,10 @@ class Tracer(Names):
         return outcome.value
 
     def is_pure(self, bodies: Sequence[list[Statement]], what: str) -> bool:
-        """Return True if blocks only compute values. Then their statements are added to the present block."""
+        """Return True if blocks only compute values. If so, their statements are added to the present block.
+
+        `what` names the expression in the error for impure blocks inside an `each`.
+        """
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
         if not pure and self.iterations is not None:
@@ -237,7 +247,7 @@ class Tracer(Names):
     # --- memory
 
     def item(self, owner: Any, place: Any) -> Any:
-        """Return the element at `place` of an array, or of a tuple that is known when the procedure is built."""
+        """Return the element at index `place` of an array, or of a tuple that is known at build time."""
         if isinstance(owner, Memory):
             return owner[self.place(owner, place, stored=False)]
         if isinstance(place, Value):
@@ -245,7 +255,10 @@ class Tracer(Names):
         return owner[place]
 
     def place(self, array: Memory, place: Any, *, stored: bool) -> Value:
-        """Return an index of an array as a value. Raises Error if an `each` forbids access at this index."""
+        """Return an index of an array as a value. Raises Error if an `each` forbids access at this index.
+
+        `stored` is true if the element is written.
+        """
         if not isinstance(place, Value) and isinstance(place, int) and place < 0:
             raise Error(f"the place {place} counts from the end, which a procedure does not know.")
         index = self.number(place, WHOLE, "a place")
@@ -280,7 +293,7 @@ class Tracer(Names):
         setattr(owner, field, self.number(value, owner.kind_of(field), f"the field {field}"))
 
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
-        """Copy the part `first:last` of an array to the part `lower:upper` of another."""
+        """Copy the elements `first:last` of the array `source` to the elements `lower:upper` of the array `target`."""
         count = self.extent(lower, upper)
         there = None if last is None else self.extent(first, last)
         if isinstance(count, int) and isinstance(there, int) and count != there:
@@ -288,14 +301,14 @@ class Tracer(Names):
         self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
-        """Set each element of the part `lower:upper` of an array to a value."""
+        """Set each of the elements `lower:upper` of an array to a value."""
         part = self.part(target, lower, None)
         number = self.number(value, part.array.kind, "the element")
         with self.p.each(self.extent(lower, upper)) as i:
             part[i] = number
 
     def extent(self, lower: Any, upper: Any) -> Any:
-        """Return the number of elements from index `lower` to `upper`."""
+        """Return the number of elements from index `lower` to before index `upper`."""
         if upper is None:
             raise Error("a part that is written has an end: write b[:n] = a[:n].")
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
@@ -303,11 +316,11 @@ class Tracer(Names):
     # --- calls
 
     def local(self, function: Callable[..., Any]) -> Local:
-        """Return a function that is defined inside another as a `Local`, which is inlined into its callers."""
+        """Return a function that is defined inside another one as a `Local`, which is inlined into its callers."""
         return Local(function)
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return the result of a call. A call of a procedure is a statement; an inline function is written out."""
+        """Return the result of a call. A procedure is called by a statement; an inline function is inlined."""
         if function in (likely, unlikely):
             return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
@@ -330,7 +343,10 @@ class Tracer(Names):
         return self._of_values(function, args, options)
 
     def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
-        """Return the results of a procedure for its arguments. A bundle among them is passed field by field."""
+        """Call a procedure with arguments, and return its results.
+
+        Each field of a bundle is passed as an argument of its own.
+        """
         self._outside_each(callee.name)
         if len(args) != len(callee.parameters):
             raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
@@ -346,7 +362,7 @@ class Tracer(Names):
             raise Error(f"an iteration of an `each` calls {callee}: use `range`.")
 
     def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Return the result of a Python function whose arguments are not known until run time, such as `max`."""
+        """Return the result of a Python function, such as `max`, for arguments known at run time only."""
         if function is float:
             return self.p.real(*args)
         if function is int:

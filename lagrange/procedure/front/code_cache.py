@@ -25,7 +25,7 @@ PACKAGE = FRONT.parents[1]
 
 
 class _Stored:
-    """The rewritten functions of one source file. The key is the first line, the name, and whether it is inlined."""
+    """The rewritten functions of one source file: {(first line, name, whether the function is inlined): code}."""
 
     def __init__(self, file: str) -> None:
         self.path = Path(cache_from_source(file)).with_suffix(".plain")
@@ -42,7 +42,7 @@ class _Stored:
         return sha256(self.key + content).digest() + content
 
     def write(self) -> None:
-        """Write the file if there are new functions. A folder that cannot be written to is no error."""
+        """Write the file if there are new functions. A folder without write permission is no error."""
         if len(self.codes) > self.count and not sys.dont_write_bytecode:
             self.count = len(self.codes)
             part = self.path.with_suffix(f".{os.getpid()}")
@@ -54,7 +54,7 @@ class _Stored:
 
 @cache
 def _front_end() -> str:
-    """Return the digest of what every rewritten function depends on: Python's version, and the files of this folder."""
+    """Return a digest of Python's version and of the files of this folder: every rewritten function depends on them."""
     return sha256(
         b"".join([sys.version.encode(), *(path.read_bytes() for path in sorted(FRONT.glob("*.py")))])
     ).hexdigest()
@@ -87,6 +87,6 @@ def rewritten_code(function: FunctionType, *, inlined: bool) -> CodeType:
 
 
 def store() -> None:
-    """Write the functions that were rewritten since the last call."""
+    """Write the functions that were rewritten since the last call to the cache files."""
     for stored in list(_STORED.values()):
         stored.write()

@@ -1,4 +1,4 @@
-"""Branches and loops while a procedure is built: the values of names inside and after them."""
+"""Branches and loops while a procedure is built: the values of names inside them and after them."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
 class Chosen(Ways):
-    """A condition that is known when the procedure is built: only one branch is built."""
+    """A condition that is known at build time: only the branch to run is built."""
 
 
 class WrittenLoop(Chosen):
-    """A loop over values that are known when the procedure is built: its body is written out."""
+    """A loop over values that are known at build time: its body is unrolled."""
 
 
 class Block:
-    """A part of a procedure that may not run, or may run several times: a branch or a loop.
+    """A branch or a loop: a part of a procedure that may not run, or may run several times.
 
-    A name that it sets is a variable of the procedure, or has no value after it.
+    A name that the block sets becomes a variable of the procedure, or has no value after the block.
     """
 
     where = ""
@@ -40,9 +40,9 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values that names have inside the block.
+        """Return the values of names inside the block. `values` are those before the block.
 
-        `anew` are the names that it sets before it reads them.
+        `anew` are the names that the block sets before it reads them.
         """
         self.names = names
         self.outer = self.tracer.handed
@@ -62,7 +62,7 @@ class Block:
         self.has_ended = True
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Record the values of names at the end of the block; return their values before it."""
+        """Record the values of names at the end of the block. Return the values that the names had at its start."""
         for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
             if old is not new:
                 self.lost.add(i)
@@ -93,7 +93,7 @@ class RepeatBlock(LoopBlock):
     """A loop that runs while a condition holds."""
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
-        """Return the single iteration in which the body of a `while` is built."""
+        """Yield once, for building the body of a `while`. `test` builds its condition."""
         p = self.tracer.p
 
         def condition() -> Flag:
@@ -107,7 +107,10 @@ class RepeatBlock(LoopBlock):
 
 
 class SplicedLoop(LoopBlock):
-    """A loop over the values of an inline generator. The generator's statements surround those of the body."""
+    """A loop over the values of an inline generator.
+
+    The statements of the generator surround those of the loop's body.
+    """
 
     def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
         super().__init__(tracer, lambda: None)
@@ -118,7 +121,7 @@ class SplicedLoop(LoopBlock):
 
 
 class Branches(Block):
-    """Two branches under a condition that is known at run time."""
+    """The two branches of a condition that is known at run time only."""
 
     where = "behind the branch that sets it"
 
@@ -137,14 +140,14 @@ class Branches(Block):
             self.bodies.append(body)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of names at the end of a branch; return those for the next branch."""
+        """Store the values of names at the end of a branch. Return the values for the start of the next branch."""
         self.ways.append(None if self.has_ended else values)
         return super().close(*values) if not self.has_ended else self.before
 
     def after(self) -> Sequence[Any]:
-        """Add the branch statement; return the values of names after it.
+        """Add the branch statement, and return the values of names after it.
 
-        A name that is set first in all branches becomes a variable, declared before the statement.
+        A name that is first set inside all branches becomes a variable, declared before the statement.
         """
         found = list(super().after())
         ways = [(body, way) for body, way in zip(self.bodies, self.ways, strict=True) if way is not None]
@@ -160,9 +163,9 @@ class Branches(Block):
         return found
 
     def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
-        """Return a new variable, which each branch sets at its end.
+        """Return a new variable of a kind for a name; each branch sets it at its end.
 
-        `ways` has each branch's block and value of the name.
+        `ways` are pairs for each branch: its block, and the value of the name at its end.
         """
         tracer = self.tracer
         variable = tracer.p.variable(ZERO[kind], name)
@@ -188,7 +191,7 @@ class EachBlock(Block):
         """
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values that names have inside an iteration."""
+        """Return the values of names inside an iteration. Raises Error if a name has a value before the loop."""
         for name, value in zip(names, values, strict=True):
             if not isinstance(value, Missing):
                 raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")
@@ -209,7 +212,10 @@ class EachBlock(Block):
         raise Error("an iteration of an `each` returns: use `range`.")
 
     def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
-        """Record an access to an array at index `place`. `stored` is true for a write."""
+        """Record an access to an array at index `place`. `stored` is true for a write.
+
+        Raises Error for a write at another index than that of the iteration.
+        """
         assert self.index is not None
         own = place.ref == self.index.ref
         if stored and not own:
@@ -217,7 +223,10 @@ class EachBlock(Block):
         self.visits.append((self.tracer.root(array), array.ref, own, stored))
 
     def check(self) -> None:
-        """Raise Error if two parts of one array are used and one is written, unless they are declared disjoint."""
+        """Raise Error if one part of an array is written and another part, or another index, is used.
+
+        Arrays that are declared disjoint are not checked.
+        """
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, own, _ in self.visits:
             if not self.disjoint and root in written and (part != written[root] or not own):
@@ -227,7 +236,10 @@ class EachBlock(Block):
                 )
 
     def fold(self, slot: int, function: Any, *values: Any) -> None:
-        """Add a value, or two factors, to the reduction number `slot`. `function` is None for a sum."""
+        """Add `values`, one value or two factors, to the reduction with index `slot`.
+
+        `function` is the reduction, such as `max`, or its name, such as "add".
+        """
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
             raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
@@ -243,7 +255,7 @@ class EachBlock(Block):
         self.folds[slot] = op, made
 
     def folded(self, slot: int, first: Any) -> Any:
-        """Return the result of a reduction. `first` is the value of its name before the loop."""
+        """Return the result of the reduction with index `slot`. `first` is the value of its name before the loop."""
         tracer = self.tracer
         op, made = self.folds[slot]
         value = made.value

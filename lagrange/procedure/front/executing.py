@@ -1,7 +1,7 @@
 """Run a rewritten function on numbers, with the arithmetic of the form: the reference for tests of all machines.
 
-Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` adds in the form's order. With a seed,
-the iterations of an `each` run in a shuffled order.
+Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` is added in the order that `form.Fold`
+defines. With a seed, the iterations of an `each` run in a shuffled order.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Returned(Exception):
 
 
 class Exact:
-    """The receiver that computes. `seed` shuffles the iterations of each `each`; without it they run in order."""
+    """The receiver that computes. With a `seed`, the iterations of each `each` run in a shuffled order."""
 
     Ended = Returned
 
@@ -48,24 +48,24 @@ class Exact:
         return Missing(name)
 
     def read(self, value: Any) -> Any:
-        """Return the value of a name, which must be set."""
+        """Return the value of a name. Raises an error if the name has no value."""
         assert not isinstance(value, Missing), f"{value.name} is read before it is set"
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return the new value of a name, which is `value`."""
+        """Return `value`, the new value of a name. The builder's method of this name sets a variable."""
         return value
 
     def named(self, name: str, value: Any) -> Any:
-        """Return a value unchanged. The builder's method of this name keeps the name for printed code."""
+        """Return a value unchanged. The builder's method of this name records the name for printed code."""
         return value
 
     def unpacked(self, value: Any, count: int) -> Any:
-        """Return the values of a tuple of known length."""
+        """Return the `count` values of a tuple."""
         return value
 
     def note(self, said: str) -> None:
-        """Ignore a comment: there is no code to print it in."""
+        """Ignore a comment, because no code is printed."""
 
     def leave(self, value: Any) -> None:
         """End the function with a result, by raising `Returned`."""
@@ -74,7 +74,7 @@ class Exact:
     # --- control flow
 
     def branches(self, test: Any) -> Ways:
-        """Return the branch to run as the values to loop over: True, or False."""
+        """Return the branch to run, as values to loop over: True, or False."""
         return Ways([bool(test)])
 
     def loop(self, *bounds: int) -> Ways:
@@ -123,15 +123,15 @@ class Exact:
         return bool(a != b)
 
     def opposite(self, condition: Any) -> bool:
-        """Return the opposite of a condition."""
+        """Return `not condition`."""
         return not condition
 
     def both(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left and right`."""
+        """Return `left and right`. The function `right` computes the second operand."""
         return left and right()
 
     def either(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left or right`."""
+        """Return `left or right`. The function `right` computes the second operand."""
         return left or right()
 
     def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
@@ -141,7 +141,7 @@ class Exact:
     # --- memory
 
     def item(self, owner: Any, place: Any) -> Any:
-        """Return an element of an array or tuple."""
+        """Return the element at index `place` of an array or tuple."""
         value = owner[place]
         return value.item() if isinstance(value, np.generic) else value
 
@@ -160,19 +160,19 @@ class Exact:
         setattr(owner, field, value)
 
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
-        """Copy the part `first:last` of an array to the part `lower:upper` of another."""
+        """Copy the elements `first:last` of the array `source` to the elements `lower:upper` of the array `target`."""
         for i in range(upper - (lower or 0)):
             target[(lower or 0) + i] = source[(first or 0) + i]
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
-        """Set each element of the part `lower:upper` of an array to a value."""
+        """Set each of the elements `lower:upper` of an array to a value."""
         for i in range(lower or 0, upper):
             target[i] = value
 
     # --- calls
 
     def local(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that is defined inside another, unchanged."""
+        """Return a function that is defined inside another one, unchanged."""
         return function
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
@@ -188,7 +188,7 @@ class Exact:
 
 
 class Ways:
-    """The values that a loop runs over, or the flag of the branch to run."""
+    """A branch or loop that runs: the values to loop over, or the flag of the branch."""
 
     def __init__(self, values: Any) -> None:
         self.source = values
@@ -203,17 +203,17 @@ class Ways:
             yield None
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values that names have inside the loop or branch."""
+        """Return the values of names inside the loop or branch, which are the values before it."""
         self.values = values
         return values
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of names at the end of an iteration or branch; return them for the next."""
+        """Store the values of names at the end of an iteration or branch. Return the values for the next iteration."""
         self.values = values
         return values
 
     def ended(self, ended: Exception) -> None:
-        """Raise the exception by which the block has returned."""
+        """Raise `ended`, the exception that carries the result of a return inside the block."""
         raise ended
 
     def after(self) -> Sequence[Any]:
@@ -222,7 +222,10 @@ class Ways:
 
 
 class Iterations(Ways):
-    """The iterations of an `each`. Names that they set are dropped, and reductions are computed at the end."""
+    """The iterations of an `each`.
+
+    Values of names set in an iteration are dropped. Reductions are computed at the end.
+    """
 
     def __init__(self, order: Sequence[int]) -> None:
         super().__init__(order)
@@ -236,21 +239,24 @@ class Iterations(Ways):
             yield index
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values that names have inside an iteration."""
+        """Return the values of names inside an iteration, which are the values before the loop."""
         self.first = values
         return super().open(names, anew, *values)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Return the values of names for the next iteration, which are those before the loop."""
+        """Return the values of names for the next iteration, which are the values before the loop."""
         return self.first
 
     def fold(self, slot: int, function: Any, *values: float) -> None:
-        """Add a value, or two factors, to the reduction number `slot`."""
+        """Store `values`, one value or two factors, for the reduction with index `slot`.
+
+        `function` is the reduction or its name.
+        """
         op = function if isinstance(function, str) else REDUCTIONS[function]
         self.folds.setdefault(slot, (op, {}))[1][self.index] = values
 
     def folded(self, slot: int, first: float) -> float:
-        """Return the result of a reduction. `first` is the value of its name before the loop."""
+        """Return the result of the reduction with index `slot`. `first` is the value of its name before the loop."""
         if slot not in self.folds:
             return first
         op, by_index = self.folds[slot]

@@ -1,4 +1,4 @@
-"""Helpers while a procedure is built: kinds of values, descriptions for messages, and names without a value."""
+"""Types for values known at build time or at run time: kinds, descriptions for messages, and names without a value."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
 
 
 class Ended(Exception):
-    """Exception for a block that has returned the results of the procedure: the builder skips what follows."""
+    """Exception for a block that has returned from the procedure: the builder skips the statements after it."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Missing:
-    """Placeholder for a name before it is set, or after the branch or loop that set it first."""
+    """Placeholder for a name before it has a value, or after the branch or loop in which it was first set."""
 
     name: str
     where: str = ""
@@ -28,7 +28,7 @@ class Missing:
 
 @dataclasses.dataclass(frozen=True)
 class Weighed:
-    """A condition that `likely` or `unlikely` marks."""
+    """A condition marked by `likely` or `unlikely`."""
 
     condition: Any
     likely: bool
@@ -39,7 +39,7 @@ class Error(LagrangeError):
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """Yield the numbers and arrays in a bundle, in the order of its fields."""
+    """Yield the numbers and arrays in a bundle (a dataclass or tuple, also nested), in the order of its fields."""
     if value is None:
         return
     if isinstance(value, (tuple, list)):
@@ -60,7 +60,7 @@ def is_dynamic(value: Any) -> bool:
 
 
 def kind_of(value: Any) -> Kind | None:
-    """Return the kind of a number, known now or at run time, or None for another object."""
+    """Return the kind of a number, whether known at build time or at run time, or None for another object."""
     if isinstance(value, (Value, Variable)):
         return value.kind
     for python, kind in ((bool, FLAG), (int, WHOLE), (float, REAL)):
@@ -70,7 +70,10 @@ def kind_of(value: Any) -> Kind | None:
 
 
 def common_kind(values: Sequence[Any]) -> Kind | None:
-    """Return the common kind of numbers, or None. Python integers count as reals beside a real."""
+    """Return the kind that numbers have in common, or None.
+
+    Python integers count as reals if a real is among the numbers.
+    """
     kinds = {kind_of(value) for value in values}
     if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
         return REAL
@@ -87,12 +90,12 @@ _NAMES = {REAL: "a real", WHOLE: "a whole number", FLAG: "a flag"}
 
 
 def named_kind(kind: Kind) -> str:
-    """Return the name of a kind for a message."""
+    """Return the name of a kind for an error message."""
     return _NAMES[kind]
 
 
 def described(value: Any) -> str:
-    """Return a description of a value for a message."""
+    """Return a description of a value for an error message."""
     kind = kind_of(value)
     if kind is not None:
         return named_kind(kind)

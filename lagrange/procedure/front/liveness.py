@@ -1,7 +1,7 @@
 """Names that are carried out of a branch or loop: set in it, and read after it or in its next iteration.
 
-Only these may have to be variables of a procedure. Every other name is a value inside its block. Source: A. V. Aho et
-al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), on a syntax tree.
+Only such names may have to be variables of a procedure. Every other name is a value inside its block. Source: A. V. Aho
+et al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), applied to a syntax tree.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
 
 
 class Mentions(NamedTuple):
-    """The names that a node mentions."""
+    """The names that a node of the syntax tree reads and sets."""
 
     loaded: Names = NOTHING
     """Names that are read, or set in place, without the targets of comprehensions and functions."""
@@ -54,7 +54,7 @@ class Mentions(NamedTuple):
 
 @cache
 def mentions(node: ast.AST) -> Mentions:
-    """Return the names that a node mentions."""
+    """Return the names that a node of the syntax tree reads and sets."""
     if isinstance(node, ast.Name):
         if isinstance(node.ctx, ast.Load):
             return Mentions(frozenset((node.id,)))
@@ -85,7 +85,7 @@ LEAVES = ("ctx", "op", "ops", "annotation", "returns")
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
-    """Return the nodes inside a node that may have names."""
+    """Yield the nodes directly inside a node, except those of fields without names."""
     for field in node._fields:
         if field not in LEAVES:
             value = getattr(node, field, None)
@@ -98,23 +98,26 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def loaded(nodes: Iterable[ast.AST]) -> Names:
-    """Return the names that nodes read, as defined by `Mentions.loaded`."""
+    """Return the names that nodes read; `Mentions.loaded` says what counts as reading."""
     return NOTHING.union(*[mentions(node).loaded for node in nodes])
 
 
 def stored(nodes: Iterable[ast.AST]) -> list[str]:
-    """Return the names that nodes set, as defined by `Mentions.stored`."""
+    """Return the names that nodes set; `Mentions.stored` says what counts as setting."""
     return list(dict.fromkeys([name for node in nodes for name in mentions(node).stored]))
 
 
 class _Walk:
-    """Backward walk over a function, from its end. `kept` are names that inner functions may read at any time."""
+    """Backward walk over a function, from its end. `kept` are names that inner functions may read at any time.
+
+    `found` receives the carried names of each branch and loop.
+    """
 
     def __init__(self, kept: Names, found: dict[ast.stmt, Carried]) -> None:
         self.kept, self.found = kept, found
 
     def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
-        """Return the names that are live before a block. `live` are the names that are live after it."""
+        """Return the names that are live before a block. `live` are the names that are live after the block."""
         for statement in reversed(body):
             live = self.statement(statement, live)
         return live
@@ -139,7 +142,11 @@ class _Walk:
         return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
 
     def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
-        """Return the names that are live before a loop: those live after it, and those its iterations read first."""
+        """Return the names that are live before the loop `s`. `behind` are the names live after the loop.
+
+        `read` are the names that the head of the loop reads, and `targets` the names that each iteration sets at its
+        start.
+        """
         live = behind | read
         while True:
             before = self.block(body, live) - targets

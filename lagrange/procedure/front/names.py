@@ -1,4 +1,4 @@
-"""Names and numbers while a procedure is built: a number that is set again becomes a variable."""
+"""Values of names while a procedure is built: a name that a branch or loop sets again becomes a variable."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Names:
         return Missing(name)
 
     def read(self, value: Any) -> Any:
-        """Return the value of a name; a variable is read now. Raises Error if the name has no value."""
+        """Return the value of a name; if it is a variable, its present value. Raises Error if the name has no value."""
         if isinstance(value, Variable):
             return value.value
         if is_varied(value):
@@ -48,7 +48,11 @@ class Names:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return the new value of a name: its variable, after setting it, if there is one here; else the value."""
+        """Assign `value` to a name, and return what the name refers to afterwards. `before` is what it referred to.
+
+        If `before` is a variable of an enclosing branch or loop, the variable is set and returned; otherwise `value`
+        is.
+        """
         if isinstance(before, Variable) and before in self.handed:
             before.value = self.number(value, before.kind, f"`{name}`")
             return before
@@ -59,7 +63,7 @@ class Names:
         return self.named(name, value)
 
     def named(self, name: str, value: Any) -> Any:
-        """Return a value, and keep its name for printed code."""
+        """Return a value unchanged, and record its name for printed code."""
         if name != "_" and isinstance(value, (Value, Memory)) and not self.is_named(value):
             self.p.names[value.ref] = name
         return value
@@ -69,7 +73,10 @@ class Names:
         return value.ref in self.p.names or value.ref in self.unnamed
 
     def number(self, value: Any, kind: Kind, what: str) -> Value:
-        """Return a number as a value of a kind; a Python integer may become a real. Raises Error for another object."""
+        """Return a number as a value of a kind; a Python integer may become a real. Raises Error for another object.
+
+        `what` names the number in the message.
+        """
         if isinstance(value, Weighed):
             value = value.condition
         found = kind_of(value)
@@ -86,13 +93,16 @@ class Names:
         return made
 
     def unpacked(self, value: Any, count: int) -> Sequence[Any]:
-        """Return the values of a tuple. Raises Error unless there are `count`."""
+        """Return the values of a tuple. Raises Error unless there are `count` values."""
         if not isinstance(value, (tuple, list)) or len(value) != count:
             raise Error(f"{count} values are expected; {described(value)} is given.")
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return a variable with the number of a name, or one for each number of a tuple. A branch or loop sets it."""
+        """Return a new variable that has the number `value`, for a name that a branch or loop sets.
+
+        A tuple of numbers gives a tuple of variables. Other objects are returned unchanged.
+        """
         if is_varied(value):
             return value
         if isinstance(value, tuple) and value and all(kind_of(one) is not None for one in value):
@@ -104,24 +114,24 @@ class Names:
         self.p.note(said)
 
     def is_flag(self, value: Any) -> Flag:
-        """Return a condition as a flag. Raises Error for another value."""
+        """Return a condition as a flag. Raises Error for a value that is not a flag."""
         if not isinstance(value, Flag):
             raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
         return value
 
     def root(self, array: Memory) -> int:
-        """Return the number of the whole array that contains a part."""
+        """Return the id of the whole array that a part of an array belongs to."""
         return self.roots.get(array.ref, array.ref)
 
     @contextmanager
     def resumed(self, body: list[Statement]) -> Iterator[None]:
-        """Context in which statements are added to a block that was built before."""
+        """Context in which statements are appended to `body`, a block that was built before."""
         with self.p.block() as more:
             yield
         body.extend(more)
 
     def extreme(self, function: Any, args: Sequence[Any]) -> Any:
-        """Return Python's `max` or `min`: the first argument unless a later one is larger (smaller)."""
+        """Return the result of Python's `max` or `min`: the first argument unless a later one is larger (smaller)."""
         kind = common_kind(args)
         if kind not in (REAL, WHOLE):
             raise Error(f"`{function.__name__}` takes numbers of one kind.")

@@ -38,9 +38,9 @@ _BUILDING = threading.RLock()
 
 @contextmanager
 def _building() -> Iterator[None]:
-    """Context that holds the lock and suspends garbage collection.
+    """Context that holds the lock for building procedures and suspends garbage collection.
 
-    A collection walks through all objects and takes longer than building.
+    A collection walks through all objects, which takes longer than building.
     """
     with _BUILDING:
         was_enabled = gc.isenabled()
@@ -66,7 +66,7 @@ Stated = Kind | Array | Record | Callee | tuple["Stated", ...] | Bundle | type |
 
 
 class Located(LagrangeError):
-    """An error with the file and the line of the function that caused it."""
+    """An error whose message begins with the file and the line that caused it."""
 
 
 class PlainFunction(Generic[Args, Result]):
@@ -89,15 +89,18 @@ class PlainFunction(Generic[Args, Result]):
         return self.__name__
 
     def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
-        """Return the function's result in the arithmetic of the form. `seed` shuffles the iterations of an `each`."""
+        """Return the function's result, computed with the arithmetic of compiled code.
+
+        With a `seed`, the iterations of each `each` run in a shuffled order.
+        """
         return self.computed(Exact(seed), *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, computed by the given receiver."""
+        """Return the result of the function, computed by the receiver `exact`."""
         return exact.run(self.rewritten, **self.bound(args, kwargs))
 
     def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
-        """Return every argument by name, and the free variables of the function."""
+        """Return the value of every argument and of every free variable of the function, by name."""
         try:
             given = self.signature.bind(*args, **kwargs)
         except TypeError as error:
@@ -109,13 +112,16 @@ class PlainFunction(Generic[Args, Result]):
 
     @cached_property
     def rewritten(self) -> Callable[..., Any]:
-        """The rewritten function, with a receiver as first argument; see `rewriting`."""
+        """The rewritten function.
+
+        Its first argument is the receiver, which gets each step; `rewriting` shows an example.
+        """
         function: FunctionType = self.function
         return FunctionType(rewritten_code(function, inlined=self.inlined), function.__globals__)
 
 
 class Inline(PlainFunction[Args, Result]):
-    """A function that is inlined into its callers. It may take and return anything, and `yield` values to a loop."""
+    """A function that is inlined into its callers. It may take and return any object, and `yield` values to a loop."""
 
     inlined = True
 
@@ -131,7 +137,7 @@ class Inline(PlainFunction[Args, Result]):
         return self.rewritten(tracer, **self.bound(args, kwargs))
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, computed by the given receiver."""
+        """Return the result of the function, computed by the receiver `exact`."""
         return self.rewritten(exact, **self.bound(args, kwargs))
 
 
@@ -148,12 +154,15 @@ class _Method:
         return self.inline.traced(tracer, self.owner, *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the method, computed by the given receiver."""
+        """Return the result of the method, computed by the receiver `exact`."""
         return self.inline.computed(exact, self.owner, *args, **kwargs)
 
 
 class Plain(PlainFunction[Args, Result]):
-    """A procedure stated as a plain function. Parameters after `*` are known when it is built: `form(**known)`."""
+    """A procedure written as a plain function.
+
+    Parameters after `*` are static: `form(**known)` builds it for their values.
+    """
 
     def __init__(
         self, function: Callable[Args, Result], *, apart: bool, types: Mapping[str, Callable[..., Any]]
@@ -167,7 +176,7 @@ class Plain(PlainFunction[Args, Result]):
         """Forms for known numbers, texts and options. A form for other objects is kept as long as these exist."""
 
     def form(self, **known: Any) -> Procedure:
-        """Return the procedure for known parameters, which is built once."""
+        """Return the procedure for these values of the static parameters. It is built once for each set of values."""
         missing = [name for name in self.known if name not in known and self._default(name) is inspect.Parameter.empty]
         unknown = [name for name in known if name not in self.known]
         if missing or unknown:
@@ -220,7 +229,10 @@ class Plain(PlainFunction[Args, Result]):
         return p.finish(*results)
 
     def _type(self, name: str, hints: Mapping[str, Any], known: Mapping[str, Any]) -> Stated:
-        """Return the type of a parameter, from the decorator's function of known parameters or from its annotation."""
+        """Return the type of a parameter, from the decorator's function for it, or else from its annotation in `hints`.
+
+        `known` has the values of the static parameters.
+        """
         if name in self.types:
             stated = self.types[name]
             made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters if one in known})
@@ -230,7 +242,7 @@ class Plain(PlainFunction[Args, Result]):
         return type_of(hints[name])
 
     def _located(self, error: Exception, name: str) -> Located:
-        """Return an error with the file and the line of the function that it comes from."""
+        """Return an error with the file and the line of the function that caused it. `name` is the procedure's name."""
         if isinstance(error, Located):
             return error
         frames = traceback.extract_tb(error.__traceback__)
@@ -247,10 +259,10 @@ def procedure(
     *, apart: bool = False, **types: Callable[..., Any]
 ) -> Callable[[Callable[Args, Result]], Plain[Args, Result]]: ...
 def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable[..., Any]) -> Any:
-    """Declare a plain function as a procedure.
+    """Declare a plain function as a procedure. With `apart` the procedure is not inlined.
 
-    With `apart` the procedure is not inlined. `types` define parameter types by name, as functions of the parameters
-    that are known when the procedure is built; their argument names select these.
+    `types` maps names of parameters to functions that return their types. The arguments of such a function are static
+    parameters, selected by their names.
     """
     if function is not None:
         return Plain(function, apart=False, types={})
@@ -263,7 +275,7 @@ def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
 
 
 def type_of(annotation: Any) -> Stated:
-    """Return the parameter type for an annotation. Raises Error for an annotation without one."""
+    """Return the parameter type for an annotation. Raises Error if no type belongs to the annotation."""
     if annotation in KINDS:
         return KINDS[annotation]
     if isinstance(annotation, (Kind, Array, Record, Callee)):
@@ -300,7 +312,7 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
 def _parameter(p: Builder, name: str, stated: Stated) -> Any:
     """Add a parameter of a type, and return it.
 
-    A bundle gives one for each field, named with the bundle's name as prefix.
+    For a bundle, one parameter is added for each field. Its name begins with the name of the bundle.
     """
     if stated is None:
         return None
@@ -320,7 +332,7 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
 
 
 def _suffix(known: Mapping[str, Any]) -> str:
-    """Return the suffix, made of known numbers, texts and true options, for the name of a procedure built for them."""
+    """Return a suffix for a procedure's name from the static parameters that are numbers, texts or true options."""
     parts = []
     for name, value in known.items():
         if isinstance(value, bool):

@@ -1,7 +1,7 @@
 """Rewrite the syntax tree of a plain function to a function that passes each step to a receiver.
 
 The receiver is the first argument, `_t`: `building.Tracer` makes statements of the form, `executing.Exact` computes.
-Operations of the values themselves (a + b, a < b, attributes) stay as they are. Control flow, names that
+Operations of the values themselves (a + b, a < b, attributes) are unchanged. Control flow, names that
 branches and loops set, division, elements of arrays and calls become calls of the receiver:
 
     if a > b:                         _b0 = _t.branches(a > b)
@@ -104,7 +104,7 @@ class Rewriter:
         """Names of open comprehensions and lambdas."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
-        """Return the function of the receiver, the parameters, and the plain function's free variables `free`."""
+        """Return the rewritten function of the receiver, the parameters, and the plain function's free variables."""
         first = [] if self.inlined and not free and self.outer_receiver else [RECEIVER]
         names = [*first, *self.parameters, *free]
         arguments = ast.arguments(
@@ -126,7 +126,7 @@ class Rewriter:
         return f"_{self.count}"
 
     def refuse(self, node: ast.AST, what: str) -> LagrangeError:
-        """Return the error for a construct that is not allowed, with its line."""
+        """Return the error for a construct `what` that is not allowed at a node, with its line."""
         line = getattr(node, "lineno", self.tree.lineno)
         return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {what}.")
 
@@ -189,7 +189,7 @@ class Rewriter:
         return made
 
     def to_target(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
-        """Return the assignment of a computed value to a target: a name, element, field or tuple."""
+        """Return the assignment of a rewritten value to a target: a name, element, field or tuple."""
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, value)]
@@ -206,13 +206,13 @@ class Rewriter:
         raise self.refuse(target, INSTEAD.get(type(target), "this target"))
 
     def to_name(self, name: str, value: ast.expr) -> ast.stmt:
-        """Return the assignment of a value to a name."""
+        """Return the assignment of a rewritten value to a name."""
         if name in self.own:
             return put(name, told("assign", named(name), text(name), value))
         return put(name, told("named", text(name), value))
 
     def copy(self, target: ast.Subscript, place: ast.Slice, value: ast.expr) -> ast.expr:
-        """Return the rewritten copy `a[:n] = b[:n]`, or the rewritten `a[:n] = number`."""
+        """Return the rewritten copy `a[:n] = b[:n]`, or fill `a[:n] = number`. `place` is the target's slice."""
         here = (self.expression(target.value), self.bound(place.lower), self.bound(place.upper))
         if isinstance(value, ast.Subscript) and isinstance(value.slice, ast.Slice):
             there = (self.expression(value.value), self.bound(value.slice.lower), self.bound(value.slice.upper))
@@ -220,7 +220,7 @@ class Rewriter:
         return told("fill", *here, self.expression(value))
 
     def bound(self, place: ast.expr | None) -> ast.expr:
-        """Return the rewritten bound of a slice, or the constant None if it has none."""
+        """Return the rewritten bound of a slice, or the constant None for an omitted bound."""
         return ast.Constant(None) if place is None else self.expression(place)
 
     def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
@@ -246,7 +246,7 @@ class Rewriter:
     # --- control flow
 
     def branches(self, s: ast.If) -> list[ast.stmt]:
-        """Return the rewritten `if` with its two branches."""
+        """Return the rewritten `if` statement with its two branches."""
         ways, which = self.fresh(), self.fresh()
         chosen = ast.If(
             named(which),
@@ -266,7 +266,7 @@ class Rewriter:
         return [first, put(kept, ast.Tuple([named(name) for name in across], LOAD)), *made]
 
     def for_loop(self, s: ast.For, iterable: ast.expr) -> list[ast.stmt]:
-        """Return the rewritten loop over `range`, `each`, or values that are known when the procedure is built."""
+        """Return the rewritten loop over `range`, `each`, or values that are known at build time."""
         loop = self.fresh()
         match iterable:
             case ast.Call(func=ast.Name(id="range"), args=args, keywords=[]):
@@ -283,20 +283,23 @@ class Rewriter:
     def loop(
         self, loop: str, source: ast.expr, target: ast.expr | None, s: ast.stmt, body: Sequence[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a rewritten loop over the values of `source`, each assigned to the target."""
+        """Return a loop that assigns each value of `source` to `target`. `loop` names the block object."""
         index = self.fresh()
         first = [] if target is None else self.to_target(target, named(index))
         made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
         return self.through(s, loop, source, index, self.handed(s), made)
 
     def handed(self, s: ast.stmt) -> list[str]:
-        """Return the names that a branch or loop carries out, in the order in which it sets them."""
+        """Return the names that are carried out of a branch or loop, in the order in which it sets them."""
         return [name for name in stored([s]) if name in self.carried[s].on]
 
     def through(
         self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop around the body of a statement. `held` names the block object that opens and closes it."""
+        """Return a loop around the body of a statement.
+
+        `held` names the block object that opens and closes the body.
+        """
         texts = ast.Tuple([text(name) for name in names], LOAD)
         values = [named(name) for name in names]
         anew = ast.Tuple([text(name) for name in names if name in self.carried[s].anew], LOAD)
@@ -317,7 +320,7 @@ class Rewriter:
         ]
 
     def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
-        """Return a rewritten `each`: names to which each iteration adds are reductions, others local to iterations."""
+        """Return a rewritten `each`: names to which iterations add are reductions, others are local to an iteration."""
         if not isinstance(s.target, ast.Name):
             raise self.refuse(s, "several indices of an `each`")
         reductions = _reductions(s.body)
@@ -402,7 +405,7 @@ class Rewriter:
         raise self.refuse(x, INSTEAD.get(type(x), f"`{ast.unparse(x)}`"))
 
     def name(self, name: str) -> ast.expr:
-        """Return the expression that reads a name; if the name may be a variable, its present value is read."""
+        """Return the expression that reads a name. If the name may be a variable, its present value is read."""
         if name in self.changing and not any(name in names for names in self.scoped):
             return told("read", named(name))
         return named(name)
@@ -439,7 +442,7 @@ class Rewriter:
         return made
 
     def scope(self, x: ast.ListComp | ast.GeneratorExp | ast.Lambda) -> ast.expr:
-        """Return a rewritten comprehension, which is written out when the procedure is built, or lambda."""
+        """Return a rewritten lambda or comprehension. A comprehension is evaluated at build time."""
         if isinstance(x, ast.Lambda):
             with_names = frozenset(arg.arg for arg in x.args.args)
             self.scoped.append(with_names)
@@ -464,7 +467,7 @@ def as_module(tree: ast.FunctionDef) -> ast.Module:
 
 
 def _place(node: ast.AST, line: int) -> None:
-    """Set the line of each node that has none: that of the enclosing node, or `line`."""
+    """Set the line of each node without one to the line of the enclosing node, or to `line`."""
     fields = node.__dict__
     line = fields.setdefault("lineno", line)
     fields.setdefault("col_offset", 0)
@@ -481,7 +484,7 @@ Reduction = tuple[ast.stmt, ast.expr | None, list[ast.expr]]
 
 
 def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
-    """Return the reductions of an `each` by name: the statement, the function (None for a sum), the values.
+    """Return the reductions of an `each`: {name: (statement, function or None for a sum, values)}.
 
     A name is a reduction if its only mention in the body is `x += value`, `x = f(x, value)` or `x = fma(a, b, x)`.
     """
@@ -506,7 +509,7 @@ def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
 
 
 def delegated(statement: ast.stmt) -> ast.stmt:
-    """Return a loop in place of the statement `yield from values`; return another statement unchanged."""
+    """Return a loop that yields each value, for `yield from values`; return another statement unchanged."""
     match statement:
         case ast.Expr(value=ast.YieldFrom(value=values)):
             body = ast.Expr(ast.Yield(ast.Name("yielded_", LOAD)))
@@ -519,7 +522,7 @@ RESULT = "result_"
 
 
 def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
-    """Return the body of a function with a single return, at its end, as inlining requires.
+    """Return the body of a function rewritten to have a single return, at its end, as inlining requires.
 
     Code after a return in a branch moves to the other branch. Raises LagrangeError for a return in a loop.
     """
@@ -548,7 +551,7 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
 
 
 class Handed(ast.Return):
-    """The final return of an inlined function, which stays a Python return."""
+    """The final return of an inlined function, which remains a `return` in the rewritten function."""
 
 
 def _native(statement: ast.stmt) -> ast.stmt:
@@ -557,7 +560,7 @@ def _native(statement: ast.stmt) -> ast.stmt:
 
 
 def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
-    """Return statements in which each return is replaced by an assignment of the results, and nothing follows it."""
+    """Return statements without returns: each assigns the results to `names`, and nothing that follows it runs."""
     made: list[ast.stmt] = []
     for i, statement in enumerate(body):
         rest = body[i + 1 :]
@@ -578,7 +581,7 @@ def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
 
 
 def _ends(body: Sequence[ast.stmt]) -> bool:
-    """Return True if every path through statements ends with a return."""
+    """Return True if every path through the statements ends with a return."""
     last = body[-1] if body else None
     return isinstance(last, ast.Return) or (isinstance(last, ast.If) and _ends(last.body) and _ends(last.orelse))
 

@@ -13,7 +13,10 @@ from lagrange.errors import LagrangeError
 
 
 class Source(NamedTuple):
-    """The syntax tree of a function, and the lines of its module that begin with `#`, also inside strings."""
+    """The syntax tree of a function, and the comments of its module by line.
+
+    A comment is a line that begins with `#`, even inside a string.
+    """
 
     tree: ast.FunctionDef
     comments: Mapping[int, str]
@@ -38,7 +41,7 @@ FILES: set[str] = set()
 
 @cache
 def _module(file: str) -> tuple[Mapping[int, ast.FunctionDef], Mapping[int, str]]:
-    """Return the functions of a file by first line (that of the first decorator), and its comments by line."""
+    """Return the functions of a file by first line (the line of the first decorator), and its comments by line."""
     FILES.add(file)
     lines = linecache.getlines(file)
     functions = {

@@ -1,4 +1,4 @@
-"""Functions and types for plain procedures beside Python's own: loops in any order, arithmetic rounded once, arrays.
+"""Functions and types for plain procedures in addition to Python's own: `each` loops, arithmetic rounded once, arrays.
 
 All of them also work on plain numbers, so that a procedure runs in Python. `docs/dev/procedures.md` defines their
 meaning in a compiled procedure.
@@ -24,7 +24,7 @@ Written = TypeVar("Written", float, int)
 
 
 class Readable(Protocol[Number_co]):
-    """An array that is read: `a[i]` is an element, `a[i:]` the part from i on."""
+    """An array that is read: `a[i]` is an element, `a[i:]` the part of the array from index i on."""
 
     @overload
     def __getitem__(self, place: int) -> Number_co: ...
@@ -106,7 +106,7 @@ def magnitude(a: float, b: float) -> float:
 
 
 def quotient(a: int, b: int) -> int:
-    """Return a/b, rounded towards zero; `//` rounds down."""
+    """Return a/b for whole numbers, rounded towards zero; `//` rounds down."""
     return int(EXACT["quotient"](a, b))
 
 
@@ -126,12 +126,15 @@ def two_to(k: int) -> float:
 
 
 def exponent(x: float) -> int:
-    """Return k of |x| = m * 2**k with 1 <= m < 2: 1024 for infinity and NaN, -1023 for zero and subnormal numbers."""
+    """Return the whole number k for which |x| = m * 2**k and 1 <= m < 2.
+
+    The result is 1024 for infinity and NaN, and -1023 for zero and subnormal numbers.
+    """
     return int(EXACT["exponent"](x))
 
 
 def mantissa(x: float) -> float:
-    """Return m of |x| = m * 2**k with 1 <= m < 2."""
+    """Return m for which |x| = m * 2**k, with a whole k and 1 <= m < 2."""
     return float(EXACT["mantissa"](x))
 
 
@@ -157,12 +160,12 @@ def clear(record: Any) -> None:
 
 
 def operation(name: str, *values: Any) -> Any:
-    """Return the result on numbers of the operation of the form with the given name."""
+    """Return the result of the operation `name` of the form on numbers."""
     return EXACT[name](*values)
 
 
 def generated(form: Procedure, *args: Any) -> Any:
-    """Call a procedure that a generator has built, given as `form`, and return its results."""
+    """Call the procedure `form`, which was built by a generator, and return its results."""
     results = run(form, *leaves(args))
     return results[0] if len(results) == 1 else results or None
 
@@ -207,13 +210,13 @@ Class = TypeVar("Class", bound=type)
 
 
 def record_of(stated: Any) -> Record | None:
-    """Return the record of a class declared by `@record`, or None for another class."""
+    """Return the `form.Record` of a class declared by `@record`, or None for another class."""
     found = getattr(stated, "record", None)
     return found if isinstance(stated, type) and isinstance(found, Record) else None
 
 
 def form_of(stated: type) -> Record:
-    """Return the record of a class that is declared by `@record`."""
+    """Return the `form.Record` of a class declared by `@record`."""
     found = record_of(stated)
     assert found is not None
     return found
@@ -222,8 +225,8 @@ def form_of(stated: type) -> Record:
 def record(stated: Class) -> Class:
     """Declare a class as a record: its annotated fields are numbers, zero at first, in the order of the class.
 
-    A procedure takes a record as a parameter, and reads and writes its fields. In Python this is an instance of the
-    class. In machine code it is memory with the layout of `stated.record`, a `form.Record`.
+    A procedure takes a record as a parameter, and reads and writes its fields. In Python the argument is an instance of
+    the class. In machine code it is memory with the layout of `stated.record`, a `form.Record`.
     """
     fields: dict[str, Kind] = {}
     for name, annotation in stated.__annotations__.items():
