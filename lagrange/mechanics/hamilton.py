@@ -309,7 +309,7 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
     if statement.constraints:
         raise StatementError(
             f"{statement.name} has constraints ({listing(constraint.name for constraint in statement.constraints)}), "
-            "whose forces Hamilton's equations lack: eliminate(...) makes a system without them, where they are on "
+            "and Hamilton's equations have no constraint forces: eliminate(...) makes a system without constraints on "
             "positions."
         )
     if statement.rotations:

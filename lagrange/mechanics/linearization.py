@@ -537,7 +537,7 @@ def _check(here: AtPoint) -> None:
     held = here.equations.stated
     for one, phi, psi in zip(here.statement.constraints, held.positions, held.velocities, strict=True):
         if one.expression.xreplace(here.form.plain).has(t):
-            raise StatementError(f"the constraint {one.name!r} moves with time, and no point stays on it.")
+            raise StatementError(f"the constraint {one.name!r} depends on time: no point satisfies it at all times.")
         for node, subject, names in ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities")):
             value = sympy.S.Zero if node is None else here.matrix([[node]], 1)[0]
             if not here.point.is_zero(value, ()):

@@ -330,16 +330,15 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
     def put(zero: Any) -> Any:
         return in_fractions(zero.xreplace(plain).xreplace({plain[q]: solved}))
 
-    for constraint in held:
-        if constraint.holonomic and vanishes(PlainForm(statement), put(constraint.expression), NEAR_INITIAL):
+    holonomic = [constraint for constraint in held if constraint.holonomic]
+    if not holonomic:
+        raise StatementError(_refusal(held, name, statement))
+    for constraint in holonomic:
+        if vanishes(PlainForm(statement), put(constraint.expression), NEAR_INITIAL):
             return constraint, solved
     raise StatementError(
-        f"{name} = {shown(str(solved))} solves no constraint on positions that {name} is in"
-        + (
-            f"; they are {listing(constraint.name for constraint in held if constraint.holonomic)}."
-            if held
-            else ": it is in none."
-        )
+        f"{name} = {shown(str(solved))} solves none of the constraints on positions that contain {name}: "
+        f"{listing(constraint.name for constraint in holonomic)}."
     )
 
 

@@ -149,7 +149,7 @@ class _InTurns(Shortened):
         ]
         for (c, phi), psi in zip(held, self.levels, strict=True):
             if phi.has(t):
-                raise StatementError(f"the constraint {c.name!r} moves with time, and no point stays on it.")
+                raise StatementError(f"the constraint {c.name!r} depends on time: no point satisfies it at all times.")
             pairs = ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities"))
             for level, subject, names in pairs if c.holonomic else pairs[1:]:
                 if not self.is_zero(value := self.value(level, self.still)):

@@ -170,12 +170,12 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     places = np.array([old.initial[i] for i in rows])
     rates = np.array([old.initial[len(old.coordinates) + i] for i in rows])
     unknowns = [made.coordinates.index(q) for q in change.new]
-    example = f"initial={{{name_of(change.new[0])}: ...}} in the new coordinates"
+    example = f"initial={{{name_of(change.new[0])}: ...}}"
     parameters = {p for x in change.expressions for p in x.free_symbols if p in made.parameters}
     if missing := [p.name for p in made.parameters if p in parameters and p not in made.defaults]:
         if any(places) or any(rates):
             raise StatementError(
-                f"the initial state is not solved for without a value of {listing(missing)}: give one, or {example}."
+                f"the initial state in the new coordinates needs a value of {listing(missing)}: give one, or {example}."
             )
         return made.initial
     plain = [change.plain[q] for q in made.coordinates]
@@ -192,7 +192,7 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
         old_values = ", ".join(f"{old.names[i]} = {old.initial[i]:.6g}" for i in rows)
         raise StatementError(
             f"no values of {listing(map(name_of, change.new))} were found at which {old_values}, from {STARTS} starts: "
-            f"give {example}."
+            f"give {example} in the new coordinates."
         )
     q, v = np.array(made.initial[:n]), np.array(made.initial[n:])
     q[unknowns] = min(ends, key=lambda end: _preference(end, angles))

@@ -245,7 +245,7 @@ def rod(**more: Any) -> lg.System:
             lambda: lg.System(
                 x.dot**2 + y.dot**2, coordinates=[x, y], constraints=[x - y * (1 + sin(lg.t))], initial={}
             ).linearize({}),
-            "the constraint 'constraint_1' moves with time, and no point stays on it.",
+            "the constraint 'constraint_1' depends on time: no point satisfies it at all times.",
         ),
         (
             lambda: lg.System(x.dot**2 + y.dot**2, constraints=[x - 1, y - x], initial={x: 1, y: 1}).linearize(

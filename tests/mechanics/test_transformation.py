@@ -139,7 +139,8 @@ def test_a_singular_initial_state_is_refused() -> None:
     ):
         particle(initial={y.dot: 1.0}).transform(ROUND)
     with pytest.raises(
-        StatementError, match=r"the initial state is not solved for without a value of mu: give one, or"
+        StatementError,
+        match=r"the initial state in the new coordinates needs a value of mu: give one, or initial=\{u: \.\.\.\}\.",
     ):
         lg.System(x.dot**2, initial={x: 1.0}).transform({x: mu * u})
 
