@@ -29,9 +29,9 @@ along = sympy.Symbol("along", real=True)
 class Contact:
     """A contact of two bodies, which do not overlap: `gap` >= 0.
 
-    `slip` has the components of the relative velocity along the surface, none without friction, two in a plane.
-    `restitution` is the ratio of the speeds dgap/dt after and before an impact, between 0 and 1. `friction` has the
-    static and the kinetic coefficient of Coulomb's law.
+    `slip` has the components of the relative velocity along the surface: none without friction, one in a plane, two in
+    space. `restitution` is the speed dgap/dt after an impact over the speed before it, between 0 and 1. `friction` has
+    the static and the kinetic coefficient of Coulomb's law.
     """
 
     gap: Any
@@ -105,11 +105,11 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
 def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str, Contact]:
     """Return a contact without friction for each pair of balls, by names such as "a_b", for `contacts=` of a System.
 
-    `balls` maps the names of the balls to their centres: (x, y) or (x, y, z), or one coordinate for balls in a row, in
-    their order. `radius` is that of all balls, or a dict by name.
+    `balls` maps the name of each ball to its centre: (x, y), (x, y, z), or one coordinate if all balls are in a row.
+    Balls in a row are listed in their order. `radius` is one radius for all balls, or a dict by name.
 
-    Raises StatementError for fewer than two balls, centres of different dimensions, names of balls that are no
-    identifiers, and two pairs of one name.
+    Raises StatementError for fewer than two balls, for centres of different dimensions, for names that are not
+    identifiers, and for two pairs with the same name.
     """
     stated = table_of(balls, "balls", "name to centre")
     centres = {check_name(name, "ball"): vector(at, f"the centre of {name!r}") for name, at in stated.items()}
@@ -138,7 +138,7 @@ def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> No
 
 
 def gap(name: str) -> Any:
-    """Return the gap of the contact of that name, a symbol for events and `solution.evaluate`.
+    """Return the symbol of the gap of the contact `name`, for events and `solution.evaluate`.
 
     Raises StatementError for a name that is not an identifier.
     """
@@ -146,10 +146,10 @@ def gap(name: str) -> Any:
 
 
 def declare_contacts(given: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
-    """Return the fields of `Statement` on the contacts of a dict by name, checked against the constraints.
+    """Return the fields of `Statement` on contacts; `given` maps names to contacts, checked against the constraints.
 
-    Their symbols and functions are added to the survey. Raises StatementError for a gap without coordinates, a slip
-    that is not linear in velocities, and a name that is taken.
+    The symbols and functions of the contacts are added to the survey. Raises StatementError for a gap without
+    coordinates, a slip that is not linear in velocities, and a name that is taken.
     """
     contacts = tuple(_named(given))
     taken = [constraint.name for constraint in constraints]
@@ -215,7 +215,7 @@ def _check_slip(component: Any, what: str) -> None:
 
 
 def check_without_contacts(contacts: tuple[Contact, ...], what: str) -> None:
-    """Raise StatementError for contacts in a system whose motion `what` takes for one without."""
+    """Raise StatementError for a system with contacts; `what` names the result that needs a motion without impacts."""
     if contacts:
         names = listing(repr(each.name) for each in contacts)
         raise StatementError(

@@ -19,11 +19,11 @@ from lagrange.statement.vocabulary.words import FUNCTIONS
 
 
 class DeclaredOrder:
-    """Register of the calls that declared names; it orders the names of a statement.
+    """Register of the calls that declared names. It determines the order of the names in a statement.
 
-    For a statement it reads back the latest calls that together declare all its names, and takes their order. Earlier
-    declarations have no effect. So a program that declares its names gets the same order, whatever other programs
-    declared before in the same process.
+    `of` searches back for the latest calls that together declare all names of the statement, and takes their order.
+    Earlier declarations have no effect. So a program that declares its names gets the same order, whatever other
+    programs declared before in the same process.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class DeclaredOrder:
         self._lock = Lock()
 
     def declare(self, names: Sequence[str]) -> None:
-        """Enter the names of one call."""
+        """Record the names of one call, in their order."""
         with self._lock:
             number = next(self._numbers)
             earlier = {self._latest[name] for name in names if name in self._latest}
@@ -45,7 +45,7 @@ class DeclaredOrder:
                     del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return the leaves of (name, leaf) pairs: declared names in their order, then the others as they come."""
+        """Return the leaves of (name, leaf) pairs: declared names in order of declaration, then the others as given."""
         pairs = list(leaves)
         names = {name for name, _ in pairs}
         with self._lock:
@@ -71,7 +71,7 @@ differ."""
 
 
 def check_name(name: str, what: str) -> str:
-    """Return the name, or refuse it: a letter, then letters, digits and underscores, at most 64 characters."""
+    """Return the name. Raises StatementError unless it is a letter, then letters, digits or underscores, at most 64."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
             f"{shown(name)} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
@@ -81,9 +81,9 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_symbol(name: str, what: str) -> str:
-    """Return the name of a coordinate or parameter. Raises StatementError for a name with another meaning.
+    """Return the name of a coordinate or parameter. Raises StatementError for a name that already has a meaning.
 
-    Those are `PREDEFINED` names, names of functions, and reserved words of Python, which scenes cannot contain.
+    Such names are the `PREDEFINED` ones, names of functions, and reserved words of Python, which scenes cannot contain.
     """
     meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
     if not meaning and keyword.iskeyword(name):
@@ -94,10 +94,11 @@ def check_symbol(name: str, what: str) -> str:
 
 
 def coordinate(name: str) -> Any:
-    """Return the generalized coordinate of that name, a SymPy expression such as theta(t).
+    """Return the generalized coordinate `name`, a SymPy expression such as theta(t).
 
-    It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises
-    StatementError for a name that is not an identifier, or that has a meaning: ``t``, ``pi``, ``sin``, ``lambda``.
+    It equals SymPy's ``dynamicsymbols`` of the same name. Its velocity is ``.dot``, its acceleration ``.ddot``. Raises
+    StatementError for a name that is not an identifier, or that has another meaning: ``t``, ``pi``, ``sin``,
+    ``lambda``.
     """
     symbol = coordinate_of(name)
     COORDINATES.declare([name])
@@ -105,7 +106,7 @@ def coordinate(name: str) -> Any:
 
 
 def coordinate_of(name: str) -> Any:
-    """Return the coordinate of that name, as `coordinate` does, without entering it in the order of declaration."""
+    """Return the coordinate `name`, equal to that of `coordinate`, without recording it in the order of declaration."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
         _DECLARED[name] = function_of_time(name)
@@ -113,7 +114,7 @@ def coordinate_of(name: str) -> Any:
 
 
 def declared(coordinate: Any) -> bool:
-    """Return True if this function of time, or a coordinate of its name, was made by this module."""
+    """Return True if this coordinate, or one of the same name, was made by this module."""
     return name_of(coordinate) in _DECLARED or rotation_name(coordinate) is not None
 
 
@@ -127,12 +128,12 @@ _DECLARED: dict[str, Any] = {}
 
 
 def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
-    """Return the function of time of that name, with its derivatives as attributes.
+    """Return the function of time `name`, with its derivatives as attributes.
 
-    `marks` are attributes of the function. SymPy treats functions with different marks as different.
+    `marks` are further attributes, {attribute: value}. SymPy treats functions with different marks as different.
 
-    SymPy caches functions: for name(t) it returns an equal function from its cache, which may lack the attributes,
-    such as one of `dynamicsymbols`. So this function, and each that SymPy rebuilds from it, is made without the cache.
+    SymPy caches functions: for name(t) it may return an equal function without these attributes, such as one of
+    `dynamicsymbols`. So this function, and each one that SymPy rebuilds from it, is made without the cache.
     """
     shorthand: dict[str, Any] = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
     shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
@@ -149,7 +150,7 @@ RATE = "rate"
 
 
 def rotation_name(coordinate: Any) -> str | None:
-    """Return the name of the rotation to whose quaternion a coordinate belongs, or None."""
+    """Return the name of the rotation whose quaternion contains a coordinate, or None."""
     return getattr(coordinate.func, ROTATION, None)
 
 
@@ -159,7 +160,7 @@ _NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "c
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
-    """Return the method that NumPy calls for its function `numpy`; it raises StatementError with the name `ours`."""
+    """Return the method that NumPy calls for its function `numpy`. It raises StatementError that recommends `ours`."""
 
     def refuse(self: Any) -> NoReturn:
         name = name_of(self)
@@ -183,10 +184,10 @@ def coordinates(names: str) -> Any:
 
 
 def parameters(names: str, *, positive: bool = True) -> Any:
-    """Return parameters named in a text such as ``"m g l"``: real symbols, positive by default.
+    """Return the parameters named in a text such as ``"m g l"``: real symbols, positive by default.
 
     One name gives one symbol, several give a tuple. Raises StatementError for a name that is not an identifier, or that
-    has a meaning.
+    already has a meaning.
     """
     symbols = []
     positive, labels = flag(positive, "positive"), _names(names, "parameter")
@@ -198,7 +199,7 @@ def parameters(names: str, *, positive: bool = True) -> Any:
 
 
 def velocity_of(coordinate: Any) -> Any:
-    """Return dq/dt of any function of time, also of one made by ``dynamicsymbols``; of a quasi-coordinate its rate."""
+    """Return dq/dt of a function of time, also of one made by ``dynamicsymbols``; for a quasi-coordinate its rate."""
     return getattr(coordinate.func, RATE, None) or Derivative(coordinate, t)
 
 
@@ -221,7 +222,7 @@ def _names(text: str, what: str) -> list[str]:
 
 
 def row_label(key: Any) -> str:
-    """Return the label of a row: ``theta`` for theta(t), ``theta_dot`` for its derivative, else the expression."""
+    """Return the label of a row: ``theta`` for theta(t), ``theta_dot`` for its derivative, else `key` as text."""
     if isinstance(key, Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, AppliedUndef):
@@ -235,17 +236,16 @@ _OPENING, _CLOSING = "lambda[", "]"
 
 
 def multiplier(name: str) -> Any:
-    """Return the multiplier of the constraint of that name, for forces, events and `solution.evaluate`.
+    """Return the multiplier of the constraint `name`, for forces, events and `solution.evaluate`.
 
-    It is the factor lambda in the generalized forces lambda dphi/dq that the constraint phi = 0 exerts, and a SymPy
-    symbol that prints as lambda[name]. Raises StatementError for a name that is not an
-    identifier.
+    It is the factor lambda of the generalized forces lambda dphi/dq that the constraint phi = 0 exerts. As a SymPy
+    symbol it prints as lambda[name]. Raises StatementError for a name that is not an identifier.
     """
     return Symbol(f"{_OPENING}{check_name(name, 'constraint')}{_CLOSING}", real=True)
 
 
 def constraint_of(symbol: Any) -> str | None:
-    """Return the name of the constraint if the symbol is its multiplier, else None."""
+    """Return the name of the constraint whose multiplier is `symbol`, or None if `symbol` is not a multiplier."""
     name = str(symbol.name)
     if name.startswith(_OPENING) and name.endswith(_CLOSING):
         return name.removeprefix(_OPENING).removesuffix(_CLOSING)
@@ -253,9 +253,10 @@ def constraint_of(symbol: Any) -> str | None:
 
 
 def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], system: str) -> None:
-    """Raise StatementError for the multiplier of an unknown constraint.
+    """Raise StatementError for the multiplier of a constraint that the system does not have.
 
-    `names` are the constraints whose multipliers an expression contains, `held` the constraints of the system.
+    `names` are the constraints whose multipliers an expression contains. `held` are the constraints of the system, and
+    `system` is its name. `what` names the expression in the message.
     """
     for name in names:
         if name not in held:

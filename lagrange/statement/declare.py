@@ -1,4 +1,4 @@
-"""Build a `Statement` from the arguments of `lagrange.System`, and refuse those without a meaning."""
+"""Build a `Statement` from the arguments of `lagrange.System`. Arguments without a meaning raise StatementError."""
 
 from __future__ import annotations
 
@@ -91,9 +91,9 @@ def declare(
     surfaces: Mapping[str, Any] | None = None,
     check_inertia: bool = True,
 ) -> Statement:
-    """Return the checked, frozen record of a statement. Raises StatementError in the user's symbols.
+    """Return the checked, frozen record of a statement, with the arguments of `lagrange.System`. Raises StatementError.
 
-    `check_inertia` differentiates in SymPy to find coordinates without inertia. The equations refuse them, too.
+    `check_inertia` differentiates in SymPy to find coordinates without inertia, which the equations refuse as well.
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
@@ -132,10 +132,10 @@ def declare(
 def _with_rotations(
     statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any, zeros: Mapping[str, Any]
 ) -> Statement:
-    """Return a statement completed for its rotations: with an inertia along each quaternion, and with its `reading`.
+    """Return a statement completed for its rotations: an inertia along each quaternion is added, and `reading` is set.
 
-    `typed` are the energies by name, `forces` and `dissipation` what the user gave, and `zeros` the expressions of the
-    constraints by name, as typed.
+    `typed` are the energies by name, and `zeros` the constraint expressions by name. They, `forces` and `dissipation`
+    are as the user typed them.
     """
     kinetic, names = with_length(statement.kinetic, statement.coordinates)
     if not names:
@@ -157,12 +157,12 @@ def _with_rotations(
 
 
 def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
-    """Return the default state (q, v): zeros, and one for the scalars of quaternions, which turn nothing."""
+    """Return the default state (q, v): zeros, but 1 for the scalar of each quaternion, so that nothing is turned."""
     return (*(float(is_scalar(q)) for q in coordinates), *(0.0 for _ in coordinates))
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
-    """Return the fields of `Statement` on given and undefined functions, and on coordinates without a declaration.
+    """Return the fields of `Statement` on given and undefined functions, and the names of undeclared coordinates.
 
     `inferred` are the coordinates taken from the energies, empty if the user listed the coordinates.
     """
@@ -175,7 +175,10 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
 
 
 def _parameters(given: Any, survey: Survey, taken: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[Any, Any]]:
-    """Return the fields of `Statement` on parameters, and {duplicate: parameter} for symbols of the same name."""
+    """Return the fields of `Statement` on parameters, and {symbol: parameter} for other symbols of the same names.
+
+    `given` is the user's table of values. `taken` maps the names that are in use to their symbols.
+    """
     values = table_of(given, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken, **{name_of(f): f for f in survey.given}})
     defaults = MappingProxyType(default_values(values, symbols))
@@ -183,14 +186,14 @@ def _parameters(given: Any, survey: Survey, taken: Mapping[str, Any]) -> tuple[d
 
 
 def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:
-    """Return the expression with one symbol for each parameter's name."""
+    """Return the expression with `replacements` applied, so that each parameter's name has one symbol."""
     return expression.xreplace(replacements) if replacements else expression
 
 
 def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
-    """Return (q, v) as 2n floats: `base` overlaid with entries keyed by coordinate, velocity or name.
+    """Return the state (q, v), 2n floats: `base` with the entries in `given` replaced.
 
-    The name of a velocity is that of its coordinate with the suffix ``_dot``.
+    Keys of `given` are coordinates, velocities or names; the name of a velocity is its coordinate's with ``_dot``.
     """
     if not isinstance(given, Mapping):
         what = "an array" if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
@@ -218,7 +221,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
 
 @lru_cache(maxsize=256)
 def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
-    """Return the row of the state for each coordinate, velocity and name. Cached: SymPy takes 20 us for each."""
+    """Return {key: row of the state} for coordinates, velocities and names. Cached: SymPy takes 20 us for each."""
     n = len(coordinates)
     rows: dict[Any, int] = {}
     for i, q in enumerate(coordinates):
@@ -228,7 +231,7 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
-    """Return the stated ones of T, V and L by name, as they were typed."""
+    """Return those of T, V and L that the user stated, by name and as they were typed."""
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
@@ -255,7 +258,7 @@ def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
 
 
 def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the coordinates: those listed, else those in the survey and the states of first order."""
+    """Return the coordinates: those that the user listed, else those in the survey and in `first_order`."""
     if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
     if given is None:
@@ -281,7 +284,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Itera
 def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
     """Yield the coordinates on which forces act, and those whose velocities the dissipation contains.
 
-    A state of first order occurs only there, and in no energy.
+    A state of first order, such as a current, may occur only there and in no energy.
     """
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
@@ -294,9 +297,10 @@ def _in_order(coordinates: Iterable[Any]) -> list[Any]:
 
 
 def _check_inferred(survey: Survey) -> None:
-    """Raise StatementError for an undeclared function of time if others were made by `lagrange.coordinate`.
+    """Raise StatementError for an undeclared function of time in a system whose other coordinates were declared.
 
-    It may be a given motion. If all functions are SymPy's, as from `dynamicsymbols`, all are coordinates.
+    Such a function may be meant as a given motion. If all functions are SymPy's, as from `dynamicsymbols`, all are
+    taken for coordinates.
     """
     unsaid = [q for q in survey.coordinates if not declared(q)]
     if unsaid and any(map(is_ours, survey.coordinates)):
@@ -325,7 +329,10 @@ def _check_velocities(
     dissipation: Any,
     main: str,
 ) -> None:
-    """Raise StatementError for a coordinate whose acceleration no equation determines; `energies` are T and L."""
+    """Raise StatementError for a coordinate whose acceleration no equation determines.
+
+    `velocities` are those in the energies, `energies` are (T, L), and `main` names the energy in the message.
+    """
     zeros, alone = [constraint.expression for constraint in constraints], main == "the Lagrangian"
     still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
     if still is None:
@@ -348,7 +355,7 @@ def _check_velocities(
 
 
 def check_redundant(given: Any) -> str:
-    """Return the treatment of constraints that follow from others. Raises StatementError for another word."""
+    """Return how constraints that follow from others are treated. Raises StatementError unless it is in `REDUNDANT`."""
     return one_of(given, REDUNDANT, "redundant is {given}: give one of {known}.")
 
 
@@ -392,7 +399,7 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
 
 
 def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
-    """Return Rayleigh's dissipation function D. Raise StatementError for a D without velocities: it has no force."""
+    """Return Rayleigh's dissipation function D. Raises StatementError for a D without velocities: its force is zero."""
     dissipation, leaves = expression(given, "the dissipation"), Survey()
     leaves.add(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
@@ -406,7 +413,7 @@ def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
 
 
 def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
-    """Return the fields of `Statement` for pictures: positions, links and surfaces."""
+    """Return the fields of `Statement` that are drawn: positions, links and surfaces."""
     points, edges = _positions(positions, survey)
     lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
@@ -414,7 +421,7 @@ def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey
 
 
 def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
-    """Return points by name, and the edges of shapes, whose corners are points with a number after the name."""
+    """Return points by name, and the edges of shapes as links. The corners of a shape `body` are body_1, body_2, ..."""
     points, table = dict[str, tuple[Any, ...]](), dict[str, Any]()
     edges: list[Link] = []
     for label, point in table_of(given, "positions", "name to point").items():
@@ -440,14 +447,14 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[st
 
 
 def check_point(name: Any) -> str:
-    """Return the name of a point. Raises StatementError for one that is malformed or taken."""
+    """Return the name of a point. Raises StatementError for a malformed name, and for "origin", which is taken."""
     if name == ORIGIN:
         raise StatementError("'origin' is the point at zero already: choose another name.")
     return check_name(name, "point")
 
 
 def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
-    """Return the surfaces by name: points (x, y) or (x, y, z) that run along them, in `along`, parameters and t."""
+    """Return the surfaces by name, each as the moving point (x, y) or (x, y, z) in `along`, parameters and t."""
     surfaces: dict[str, tuple[Any, ...]] = {}
     size = len(next(iter(points.values()), ()))
     for name, point in table_of(given, "surfaces", "name to point").items():
@@ -491,7 +498,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
 
 
 def link_part(place: int, given: Any, points: Iterable[str]) -> str:
-    """Return a part of a link: the name of one of the points, at places 0 and 1, or the kind of the link."""
+    """Return entry `place` of a link: at 0 and 1 the name of one of the `points`, at 2 the kind, such as "spring"."""
     if place < 2:
         return one_of(given, points, "links names {given}, which is not a position; they are {known}.")
     return one_of(given, KINDS, "links has the kind {given}; the kinds are {known}.")
@@ -505,18 +512,18 @@ def _has_length(value: Any, *lengths: int) -> bool:
 
 
 def _typed_zeros(given: Any) -> dict[str, Any]:
-    """Return the expressions that are zero, as typed, of the constraints in a list, or in a dict by name.
+    """Return {name: expression that is zero} of the user's constraints, a list or a dict by name, as typed.
 
-    In a list they are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
+    Constraints in a list are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
     equation or an expression.
     """
     return {name: _zero_of(stated, f"constraint {name!r}") for name, stated in _named_constraints(given)}
 
 
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints of expressions by name, and add their symbols and functions to the survey.
+    """Return the constraints of the expressions `zeros` by name, and add their symbols and functions to the survey.
 
-    Raises StatementError for one that contains no coordinate.
+    Raises StatementError for an expression that contains no coordinate.
     """
     constraints = []
     for name, typed in zeros.items():
@@ -530,7 +537,7 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
 
 
 def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (name, constraint) for a list or a dict; in a list they are named constraint_1, constraint_2, ..."""
+    """Yield (name, constraint) of a list or dict of constraints; in a list they are constraint_1, constraint_2, ..."""
     if isinstance(given, Mapping):
         for name, stated in given.items():
             yield check_name(name, "constraint"), stated
@@ -546,7 +553,7 @@ def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _zero_of(stated: Any, what: str) -> Any:
-    """Return the expression that is zero, as typed: the expression itself, or left minus right side of an equation."""
+    """Return the expression that a constraint states to be zero: the expression itself, or left minus right side."""
     if isinstance(stated, sympy.Eq):
         return as_typed(stated.lhs, f"the left side of {what}") - as_typed(stated.rhs, f"the right side of {what}")
     if isinstance(stated, (BooleanAtom, bool)):

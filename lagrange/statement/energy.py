@@ -28,11 +28,11 @@ def without_velocity(
 ) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `velocities` are those in the energies, and `held` the expressions of the constraints. `kinetic` is T, or L if that
-    was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own equation
-    0 = dL/dq + Q - dD/dv. Example: in p*q.dot - H the equation of q determines the velocity of p. Example: with
-    D = e.dot**2/2 the equation of e is e.dot = Q. A kinetic energy that is not zero and has no velocity is taken for a
-    mistake: then friction does not suffice.
+    `velocities` are the velocities in the energies, and `held` the expressions of the constraints. `kinetic` is T, or L
+    if L was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own
+    equation 0 = dL/dq + Q - dD/dv. Example: in p*q.dot - H the equation of q determines the velocity of p. Example:
+    with D = e.dot**2/2 the equation of e is e.dot = Q. A kinetic energy that is not zero and has no velocity is taken
+    for a mistake. Then a velocity in Q or D does not suffice.
     """
     mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else velocities)
     rates = [velocity_of(q) for q in coordinates]
@@ -48,7 +48,7 @@ def without_velocity(
 
 
 def first_order_remedy(rate: str) -> str:
-    """Return the remedy for a variable of first order: how to state its rate, which is written `rate`."""
+    """Return the remedy for a variable of first order: how to state its rate. `rate` is its text, such as x.dot."""
     return (
         f"If it is a state of first order, such as a current, give its rate as the force on it and {rate}**2/2 as "
         f"dissipation, or the constraint {rate} - (its rate)."
@@ -70,7 +70,7 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
 
 @refusing_deep
 def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
-    """Return w . I w / 2.
+    """Return w . I w / 2, the energy of a rotation with inertia I and angular velocity w.
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar
     or a vector (k,) in the same axes. Give rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
@@ -89,7 +89,7 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
 
 
 def _check_place(place: Any) -> None:
-    """Raise StatementError if a component of a position contains a velocity."""
+    """Raise StatementError if a component of a position, `place`, contains a velocity."""
     for rate in sorted(place.atoms(sympy.Derivative), key=str):
         if rate.expr.args == (t,) and motion_of(rate.expr) is None:
             name, order = name_of(rate.expr), rate.derivative_count
@@ -109,7 +109,10 @@ def _dotted(rate: Any) -> str:
 
 
 def _no_rate(what: str, part: str, told: Any, kind: str, example: str) -> StatementError:
-    """Return the error for a part of an angular velocity that is no rate."""
+    """Return the error for a part of an angular velocity that is not a rate.
+
+    Its sentence is: `what` `part` `told`, `kind`: give its rate, `example`.
+    """
     plain = {rate: sympy.Symbol(_dotted(rate)) for rate in told.atoms(sympy.Derivative)}
     plain |= {q: sympy.Symbol(name_of(q)) for q in told.atoms(AppliedUndef)}
     return StatementError(
@@ -118,10 +121,10 @@ def _no_rate(what: str, part: str, told: Any, kind: str, example: str) -> Statem
 
 
 def _check_rate(rate: Any, what: str) -> None:
-    """Raise StatementError if a component, or a term of it, is an angle, a number or an acceleration.
+    """Raise StatementError if a component `rate` of an angular velocity, or a term of it, is not a rate.
 
-    An angle has coordinates and no velocities. In a sum with a velocity, an angle times a parameter may be a rate, as
-    in phi.dot + Omega*theta for a small tilt.
+    An angle, a number and an acceleration are not rates. An angle has coordinates and no velocities. In a sum with a
+    velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt.
     """
     alone = not rate.has(sympy.Derivative)
     for term in sympy.Add.make_args(sympy.expand_mul(rate)):
@@ -156,7 +159,7 @@ def _without_functions(term: Any) -> Any:
 
 
 def _is_ratio(factor: Any) -> bool:
-    """Return True if a factor is a number, or a ratio of parameters such as R/r (tested by doubling them)."""
+    """Return True if a factor is a number, or a ratio of parameters such as R/r (tested by doubling the parameters)."""
     doubled = factor.xreplace({symbol: 2 * symbol for symbol in factor.free_symbols})
     return bool(sympy.cancel(doubled - factor) == 0)
 
@@ -183,9 +186,10 @@ def _tensor(inertia: Any, k: int) -> Any:
 
 @refusing_deep
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
-    """Return m g times the height of `position` (k,) along `up` (k,), by default the last axis: y, in space z.
+    """Return m g times the height of `position` (k,) along `up` (k,), by default along the last axis.
 
-    `up` is scaled to unit length. Raises StatementError for an `up` of another length, or zero.
+    The last axis is y in a plane and z in space. `up` is scaled to unit length. Raises StatementError for an `up` with
+    another number of entries than `position`, or equal to zero.
     """
     point = vector(position, "the position")
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")

@@ -29,8 +29,8 @@ MOST_OCCURRENCES = 2**31
 class Event:
     """A zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and time.
 
-    `direction` is 1 for zeros at which the expression rises in the direction of the run, -1 where it falls, 0 for
-    both and for touches, which are zeros without change of sign. The run ends at the `terminal`-th occurrence (0:
+    `direction` is 1 for zeros at which the expression rises in the direction of the run, and -1 where it falls. It is 0
+    for both and for touches, which are zeros without change of sign. The run ends at the `terminal`-th occurrence (0:
     never). `reset` maps coordinates and velocities to expressions of the state before the event. `declare_events` moves
     the entries of `reset` that set parameters to `settings`.
     """
@@ -76,12 +76,12 @@ def event(
     """Return an event for `events=[...]` of a run.
 
     `expression` is a SymPy expression (or an equation) in coordinates, velocities, accelerations such as x.ddot, the
-    multipliers of constraints, parameters and t; the event is where it becomes zero. `direction` is positive for rising
-    zeros only, negative for falling ones, as in SciPy's solve_ivp. With `terminal=True` the run ends at the event,
-    with a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their names,
-    to expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that breaks.
-    A rotation R and its rates are keys as in a start, {R.body: -0.8*R.body}.
-    Entries that it does not name keep their values.
+    multipliers of constraints, parameters and t. The event is where it becomes zero. `direction` is positive for rising
+    zeros only, negative for falling ones, as in SciPy's solve_ivp. With `terminal=True` the run ends at the event, with
+    a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their names, to
+    expressions of the state before the event, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that
+    breaks. Quantities without an entry keep their values. A rotation R and its rates may be keys, {R.body:
+    -0.8*R.body}.
 
     Raises StatementError for an expression, a direction, a `terminal` or a reset of the wrong type.
     """
@@ -132,7 +132,7 @@ def _written(given: Any) -> str:
 
 
 def _value(value: Any) -> Any:
-    """Return the new value of a reset as an expression. Raises StatementError for other types."""
+    """Return a value in a reset as an expression. Raises StatementError for other types."""
     if isinstance(value, sympy.Expr):
         return expression(value, "the value of a reset")
     if isinstance(value, (numbers.Number, np.ndarray)):
@@ -144,9 +144,9 @@ def _value(value: Any) -> Any:
 
 
 def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
-    """Return the events of a run, checked against a statement; a bare expression is an event of either direction.
+    """Return the events of a run, checked against a statement. A bare expression is an event in both directions.
 
-    `constant` names a kind of run whose events may not set parameters; with an empty text they may.
+    `constant` names a kind of run whose events must not set parameters. With an empty text events may set them.
     """
     if events is None:
         return ()
@@ -176,7 +176,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
 
 
 def _check_resets(place: int, one: Event, statement: Statement) -> None:
-    """Raise StatementError for a reset that names an unknown quantity, or the same coordinate or velocity twice."""
+    """Raise StatementError if the reset of event number `place` names an unknown quantity, or one quantity twice."""
     rows = state_rows(statement.coordinates)
     if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
         raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
@@ -196,13 +196,13 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
 
 
 def _with_gaps(one: Event, statement: Statement) -> Event:
-    """Return an event with each symbol `lagrange.gap(name)` replaced by the stated gap; the same object without one."""
+    """Return an event with symbols `lagrange.gap(name)` replaced by the stated gaps; unchanged if it has none."""
     zero = one.expression.xreplace(statement.gaps) if statement.contacts else one.expression
     return one if zero == one.expression else replace(one, expression=zero)
 
 
 def _either_way(given: Any) -> Event:
-    """Return the event of a bare expression: its rising and falling zeros.
+    """Return the event of a bare expression, for its rising and falling zeros.
 
     Equal expressions give the same object, because caches have events as keys.
     """
@@ -216,9 +216,7 @@ _kept = lru_cache(maxsize=256)(event)
 def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
     """Return an event with the system's parameters in place of other symbols of the same names.
 
-    The same object if there are none.
-
-    Cached, so that caches keyed by the result work.
+    An event without such symbols is returned itself. Cached, so that caches with the result as key work.
     """
     by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(one.expression, parameters)
@@ -242,9 +240,9 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression; raise StatementError for unknown ones.
+    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones.
 
-    With `motion` it may contain accelerations and multipliers.
+    `what` names the expression in messages. With `motion` it may contain accelerations and multipliers.
     """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)

@@ -1,4 +1,4 @@
-"""Values from users: numbers, arrays, truth values, words and expressions become known values here, or are refused.
+"""Values from users: numbers, arrays, truth values, words and expressions are checked and converted, or refused.
 
 This is the gate to SymPy, which runs texts: `sympify` evaluates them as Python, also inside lists and matrices. So all
 expressions from users reach SymPy only through this module, entry by entry.
@@ -62,21 +62,21 @@ def real_number(value: Any, what: str) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return a bool. Raises StatementError for other types, which Python would convert to one."""
+    """Return a bool. Raises StatementError for values of other types, which Python would treat as true or false."""
     if not isinstance(value, (bool, np.bool_)):
         raise StatementError(f"{what} = {shown(value)}: give True or False.")
     return bool(value)
 
 
 def flag_or_word(value: Any, what: str, word: str) -> bool | str:
-    """Return a bool or a word. Raises StatementError for other values."""
+    """Return a bool, or the text `word`. Raises StatementError for other values."""
     if isinstance(value, str):
         return one_of(value, (word,), what + " = {given}: give True, False or {known}.")
     return flag(value, what)
 
 
 def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
-    """Return a whole number of at least `least`, and of at most `most` unless that is None; 3.0 is accepted as 3."""
+    """Return an int between `least` and `most`, without an upper limit if that is None; 3.0 is accepted as 3."""
     number = real_number(value, what)
     if number != int(number) or number < least or (most is not None and number > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
@@ -88,8 +88,8 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """Return an array of doubles.
 
     Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays: conversion would lose
-    information. Also raises it for arrays that take too much memory; `width` is the number of values computed for each
-    entry.
+    information. Also raises it for an array that takes too much memory. The caller computes `width` numbers for each
+    entry, which count as well.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
@@ -104,7 +104,7 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers, with the refusals of `real_array`."""
+    """Return an array of complex numbers. Raises StatementError for the same types and sizes as `real_array`."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
@@ -138,7 +138,7 @@ MOST_AXES = 64
 
 
 def _count(value: Any, axes: int = 0) -> int:
-    """Return the number of entries of an array, a sequence or sequences in one, and 1 for anything else."""
+    """Return the number of entries of an array or of nested sequences, and 1 for anything else."""
     if isinstance(value, np.ndarray):
         return value.size
     kinds = set(map(type, value)) if isinstance(value, (list, tuple)) and axes < MOST_AXES else ()
@@ -191,14 +191,14 @@ MOST_WORDS = 16
 
 
 def text(value: Any, what: str) -> str:
-    """Return the value if it is a str. Raises StatementError, which names it `what`, for any other type."""
+    """Return the value if it is a str. Raises StatementError, with the name `what`, for any other type."""
     if not isinstance(value, str):
         raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a text.")
     return value
 
 
 def printable(value: Any, what: str) -> str:
-    """Return a text whose lines have no characters on which a terminal acts. Raises StatementError otherwise."""
+    """Return the text `value`. Raises StatementError if its lines have control characters, which a terminal obeys."""
     if not text(value, what).replace("\n", " ").isprintable():
         raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)
@@ -207,7 +207,7 @@ def printable(value: Any, what: str) -> str:
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
     """Return the value if it is one of the known words. Raises StatementError otherwise.
 
-    `refusal` is the message, with the placeholders {given} and {known}.
+    `refusal` is the template of the message; {given} in it becomes the value, and {known} the list of the known words.
     """
     words = list(known)
     if not isinstance(value, str) or value not in words:
@@ -217,7 +217,7 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
 
 
 class ByName(dict[str, Value]):
-    """Values by name; an unknown name raises a StatementError that lists the known ones."""
+    """Values by name. Access by an unknown name raises a StatementError that lists the known names."""
 
     def __init__(self, noun: str, values: Iterable[tuple[str, Value]] = ()) -> None:
         super().__init__(values)
@@ -251,7 +251,7 @@ Result = TypeVar("Result")
 
 
 def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return a function that refuses expressions in which SymPy overflows Python's stack.
+    """Return the function, changed to raise StatementError where SymPy overflows Python's stack on a deep expression.
 
     Products and derivatives take up to eight nested calls for each level, and so overflow below `MOST_LEVELS` levels.
     """
@@ -270,7 +270,7 @@ def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, 
 
 
 class NonScalar:
-    """A value that is no single expression, such as a rotation; `remedy` says what to give in its place."""
+    """Base of values that are not scalar expressions, such as a rotation; `remedy` says what to give in their place."""
 
     remedy: str
 
@@ -281,7 +281,7 @@ def expression(value: Any, what: str) -> Any:
 
 
 def as_typed(value: Any, what: str) -> Any:
-    """Return an expression as `expression` does, but with shorthands such as R[0, 0] as they are."""
+    """Return an expression as `expression` does, but keep shorthands such as R[0, 0], an entry of a rotation."""
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
             f"{what} is an expression nested more than {MOST_LEVELS} levels deep, which SymPy cannot read: "
@@ -391,7 +391,7 @@ def vector(value: Any, what: str) -> list[Any]:
 
 
 def modulo(dividend: Any, divisor: Any) -> Any:
-    """Return Mod(dividend, divisor), which has the sign of the divisor, in sines and an arctangent."""
+    """Return Mod(dividend, divisor), written with sines and an arctangent; it has the sign of the divisor."""
     angle = 2 * sympy.pi * dividend / divisor
     return divisor / 2 + divisor * sympy.atan2(-sympy.sin(angle), -sympy.cos(angle)) / (2 * sympy.pi)
 
@@ -430,7 +430,7 @@ def real(expression: Any) -> Any:
 
 
 def _real_part(part: Any) -> Any:
-    """Return re(...), im(...) or conjugate(...) evaluated with a real symbol in place of each name."""
+    """Return re(...), im(...) or conjugate(...), evaluated as if all functions and symbols in it were real."""
     names = [*part.atoms(AppliedUndef, sympy.Derivative), *part.free_symbols]
     stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
     return part.xreplace(stand_ins).xreplace({symbol: name for name, symbol in stand_ins.items()})

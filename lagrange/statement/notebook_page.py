@@ -1,7 +1,7 @@
-"""Results that a notebook shows as a page.
+"""Register of the functions that write results as notebook pages.
 
-The class of a result belongs to an early stage; its page needs the notation of formulas, which belongs to a later one.
-The later module registers the pages here. It is imported by name when the first page is shown.
+The class of a result belongs to an early stage of the package. Its page needs the notation of formulas, which belongs
+to a later stage. The later module registers the pages here, and is imported when the first page is shown.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PAGES = "lagrange.show.notebook.result_pages"
 
 @singledispatch
 def notebook_page(result: Any) -> str | None:
-    """Return the page of a result in Markdown, or None if its class has none; a notebook then shows the repr."""
+    """Return the page of a result in Markdown, or None if its class has none. A notebook then shows the repr."""
     del result
     return None
 

@@ -1,4 +1,4 @@
-"""Symbols of expressions: what an expression contains, and parameters with their values, by symbol or name."""
+"""Symbols in expressions, and parameters with their values, by symbol or name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, No
 
 @dataclass
 class Survey:
-    """The leaves of some expressions, each in order of first appearance (dicts serve as ordered sets)."""
+    """The leaves of some expressions: coordinates, velocities, parameters and functions, in order of first appearance.
+
+    Dicts serve as ordered sets.
+    """
 
     coordinates: dict[Any, None] = field(default_factory=dict)
     velocities: dict[Any, None] = field(default_factory=dict)
@@ -52,7 +55,7 @@ class Survey:
                 _check_supported(node, what)
 
     def require(self, known: Container[Any], what: str, rest: str) -> None:
-        """Raise StatementError for a leaf that is not among the known ones; `rest` is the end of the sentence."""
+        """Raise StatementError for a leaf that is not in `known`; `rest` is the end of the message."""
         for leaf in (*self.coordinates, *self.given, *self.unknown, *self.parameters):
             if leaf not in known:
                 raise StatementError(f"{what} contains {leaf}, which this system does not have{rest}")
@@ -84,7 +87,7 @@ class Survey:
             self.add(motion.values, f"the given function {name_of(node)}")
 
     def _add_unknown(self, node: Any, what: str) -> None:
-        """Add an undefined function of coordinates, such as U(r), itself or inside its derivative at a point."""
+        """Add an undefined function of coordinates, such as U(r). `node` is the function or its derivative."""
         function = node.expr if isinstance(node, sympy.Derivative) else node
         if not isinstance(function, AppliedUndef) or motion_of(function) is not None:
             raise StatementError(
@@ -118,7 +121,10 @@ class Survey:
 
 
 def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
-    """Yield each distinct subexpression once, parents first, without descending into coordinates or derivatives."""
+    """Yield each distinct subexpression that is not in `seen`, parents first, and enter it there.
+
+    Coordinates and their derivatives are not divided further.
+    """
     stack = [expression]
     while stack:
         node = stack.pop()
@@ -130,7 +136,7 @@ def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
 
 
 def _parts(node: Any) -> tuple[Any, ...]:
-    """Return the arguments of a node, none for a function of time or its derivative."""
+    """Return the arguments of a node, in which leaves are sought; none for a function of time or its derivative."""
     if isinstance(node, sympy.Subs):
         return tuple(node.point)
     function = node.expr if isinstance(node, sympy.Derivative) else node
@@ -166,14 +172,14 @@ def _check_supported(node: Any, what: str) -> None:
 
 
 def _is_zero(base: Any) -> bool:
-    """Return True if the base of a power is zero. SymPy takes 10 ms to find that a sum of squares need not be."""
+    """Return True if the base of a power is zero, for symbols and numbers alone: SymPy takes 10 ms for a sum."""
     return bool((base.is_Symbol or not base.free_symbols) and base.is_zero)
 
 
 def parameter_values(
     given: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
 ) -> dict[Any, float]:
-    """Return a value for every parameter: the defaults overlaid with `given`, keyed by symbol or name.
+    """Return a value for every parameter: the defaults, overlaid with `given`, whose keys are symbols or names.
 
     Raises StatementError for an unknown name, a value that is not a finite real number, and a parameter without a
     value.
@@ -198,7 +204,7 @@ def parameter_values(
 
 
 def label_of(key: Any) -> str:
-    """Return the name of a key of a user's table, such as `theta_dot` for a velocity; for messages and for lookup."""
+    """Return the name of a key of a user's table, for messages and lookup: `theta_dot` for a velocity."""
     if isinstance(key, str):
         return key[:80]
     if not isinstance(key, sympy.Basic):
@@ -211,12 +217,12 @@ def label_of(key: Any) -> str:
 
 
 def rate_name(name: str, order: int) -> str:
-    """Return the name of a derivative in time: x, x_dot, x_ddot, x_dddot."""
+    """Return the name of the time derivative of order `order`: x, x_dot, x_ddot, x_dddot."""
     return f"{name}_{'d' * order}ot" if order else name
 
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
-    """Return the name of the coordinate that a key names. Raises StatementError for an unknown one."""
+    """Return the name of the coordinate that `key` names. Raises StatementError for an unknown coordinate."""
     name = label_of(key)
     if name not in names:
         raise StatementError(
@@ -226,7 +232,10 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
 
 
 def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return a mapping, empty for None. Raises StatementError otherwise, with `entries`, such as "name to point"."""
+    """Return a mapping; None gives an empty one. Raises StatementError for other types.
+
+    In the message `what` names the table, and `entries` describes its entries, such as "name to point".
+    """
     if given is not None and not isinstance(given, Mapping):
         raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
     return given or {}
@@ -235,9 +244,10 @@ def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
 def parameter_symbols(
     survey: Survey, given: Mapping[Any, Any], functions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
-    """Return the parameters by name, and replacements that unify symbols of the same name.
+    """Return the parameters by name, and {other symbol: parameter} for symbols of the same name.
 
     Order: first the parameters with values, in the order of `given`, then the others in the order of declaration.
+    `functions` maps the names that are taken to coordinates and given functions.
     """
     symbols: dict[str, Any] = {}
     unify: dict[Any, Any] = {}
@@ -262,7 +272,7 @@ def parameter_symbols(
 
 
 def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
-    """Return an expression with a system's own parameters for symbols of the same name.
+    """Return an expression with a system's own `parameters` in place of other symbols of the same names.
 
     Parameters of a scene have no assumed sign, those of `lg.parameters` are positive: to SymPy they differ.
     """
@@ -290,7 +300,7 @@ def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
 
 
 def check_rate(name: str, by_name: Container[str], what: str) -> None:
-    """Raise StatementError for a name such as `x_dot` or `x_ddot` of a coordinate x."""
+    """Raise StatementError for a name such as `x_dot` or `x_ddot` if `by_name` contains a coordinate x."""
     base, _, rate = name.rpartition("_")
     if base in by_name and rate in ("dot", "ddot"):
         kind = "velocity" if rate == "dot" else "acceleration"
@@ -302,7 +312,7 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
 
 
 def default_values(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
-    """Return the values that a statement gives its parameters, by symbol."""
+    """Return {parameter: value} for the values in the statement, `given`. `symbols` are the parameters by name."""
     values: dict[Any, float] = {}
     for key, value in given.items():
         symbol = symbols[label_of(key)]
@@ -314,7 +324,7 @@ def default_values(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[An
 
 
 def _within(symbol: Any, value: float) -> float:
-    """Return the value. Raises StatementError for one below zero if the symbol was declared positive."""
+    """Return the value. Raises StatementError for a value below zero if the symbol was declared positive."""
     if value < 0 and symbol.is_nonnegative:
         raise StatementError(
             f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "

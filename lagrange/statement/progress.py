@@ -24,17 +24,17 @@ Report = Callable[[float], None]
 
 
 def compiling(name: str, *, wanted: bool) -> AbstractContextManager[None]:
-    """Show on a terminal or in a notebook that `name` is being compiled, once that takes more than `SILENT_SECONDS`."""
+    """Context that shows in a terminal or notebook that `name` is being compiled, after `SILENT_SECONDS` of work."""
     return _announced(f"compiling {name}", f"compiled {name}", wanted=wanted)
 
 
 def deriving(name: str) -> AbstractContextManager[None]:
-    """Show on a terminal or in a notebook that formulas of `name` are being derived, as `compiling` does."""
+    """Context that shows in a terminal or notebook that formulas of `name` are being derived, as `compiling` does."""
     return _announced(f"deriving {name}", f"derived {name}", wanted=True)
 
 
 def stating(name: Any) -> AbstractContextManager[None]:
-    """Show on a terminal or in a notebook that a statement is being read, as `compiling` does."""
+    """Context that shows in a terminal or notebook that a statement is being read, as `compiling` does."""
     said = name if isinstance(name, str) else "system"
     return _announced(f"reading {said}", f"read {said}", wanted=True)
 
@@ -45,7 +45,7 @@ _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
 
 @contextmanager
 def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
-    """Show `doing` after `SILENT_SECONDS` of work. In a notebook `done` replaces it at the end."""
+    """Context that shows the text `doing` after `SILENT_SECONDS`. In a notebook `done` replaces it at the end."""
     display = None if _announcing.get() else _display_of(wanted)
     outside = _announcing.set(True)
     try:
@@ -57,7 +57,7 @@ def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
 
 @contextmanager
 def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iterator[None]:
-    """Show `doing` on a display, with the time that it takes."""
+    """Context that shows the text `doing` on a display, with the elapsed time, and at the end the text `done`."""
     ended, began = threading.Event(), time.perf_counter()
 
     def tell() -> None:
@@ -78,7 +78,7 @@ def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iter
 
 @dataclass(frozen=True)
 class ProgressState:
-    """A text on the work so far, after a bar if the `share` of finished work is known; as HTML or as plain text."""
+    """Progress as text or HTML: a sentence, after a bar if the `share` of finished work (0 to 1) is known."""
 
     text: str
     share: float | None = None
@@ -94,7 +94,7 @@ class ProgressState:
 
 
 class _Terminal:
-    """One line of standard error that is rewritten."""
+    """Display of progress: one line of standard error that is rewritten."""
 
     seconds_between, timed = 0.1, True
 
@@ -108,7 +108,7 @@ class _Terminal:
         self.length = len(text)
 
     def end(self, state: ProgressState, *, stays: bool) -> None:
-        """Leave the last state as a line, or erase what was shown."""
+        """Print `state` as the last line if the display `stays`, else erase what was shown."""
         if stays:
             self.show(state)
             sys.stderr.write("\n")
@@ -118,7 +118,7 @@ class _Terminal:
 
 
 class _Notebook:
-    """An output of a notebook cell that is rewritten; each update is a message to the browser. It stays at the end."""
+    """Display of progress: an output of a notebook cell that is rewritten. It remains with the last state."""
 
     seconds_between, timed = 0.1, True
 
@@ -140,7 +140,7 @@ class _Notebook:
 
 
 class _Log:
-    """Lines of standard error, for a file."""
+    """Display of progress: lines of standard error, for a file."""
 
     seconds_between, timed = 10.0, False
 
@@ -154,7 +154,7 @@ class _Log:
 
 
 def _display_of(wanted: bool | str) -> _Terminal | _Notebook | _Log | None:
-    """Return the display for progress, or None."""
+    """Return the display for progress: notebook, terminal, or a log if `wanted` is `LINES`. None if there is none."""
     if wanted and in_notebook():
         return _Notebook()
     if wanted and sys.stderr is not None and sys.stderr.isatty():
@@ -164,17 +164,18 @@ def _display_of(wanted: bool | str) -> _Terminal | _Notebook | _Log | None:
 
 @contextmanager
 def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Report | None]:
-    """Yield a callback for the time reached, or None if not `wanted`, or without a terminal or a notebook."""
+    """Yield a callback for the time reached by a run; None if not `wanted`, or without a terminal or a notebook."""
     with _bar(span, "t = {:.6g}".format, wanted=wanted, stays=False) as report:
         yield report
 
 
 @contextmanager
 def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> Iterator[Report | None]:
-    """Yield a callback for the number of finished items out of `total`, or None, as `progress_bar` does.
+    """Yield a callback for the number of finished items out of `total`. None if no bar is shown.
 
-    The bar shows the rate and the remaining time, from the items finished since the start; `before` items were
-    finished before. The last line stays. With `LINES`, lines are written without a terminal or a notebook.
+    The bar shows the rate and the remaining time, from the items finished since the start; `before` items were finished
+    earlier. `noun` names one item. The last line of the bar remains. If `wanted` is `LINES`, lines are written where
+    there is no terminal or notebook.
     """
     began = time.perf_counter()
 
@@ -194,7 +195,7 @@ def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> It
 
 
 def _rate(rate: float) -> str:
-    """Return a rate, in items a second, as text: a second, or a minute for slow ones."""
+    """Return a rate, in items per second, as text: per second, or per minute for less than one per second."""
     number, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
     return f"{number:,.0f} a {unit}" if number >= 10.0 else f"{number:.2g} a {unit}"
 
@@ -211,7 +212,10 @@ def _rounded_time(seconds: float) -> str:
 def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
 ) -> Iterator[Report | None]:
-    """Yield a callback for the position in the span, which updates a bar, or None if no bar is shown."""
+    """Yield a callback for the position in the span, which updates a bar; None if no bar is shown.
+
+    `describe` turns a position into text. The last state of the bar remains if it `stays`.
+    """
     display = _display_of(wanted)
     if display is None:
         yield None

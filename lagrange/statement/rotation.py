@@ -53,7 +53,7 @@ AXES = "xyz"
 
 
 def _refusal(instead: str) -> Callable[..., NoReturn]:
-    """Return a method that refuses an operation on a rotation. `instead` is the remedy; {0} in it is the name."""
+    """Return a method that refuses an operation on a rotation. In the remedy `instead`, {0} is the rotation's name."""
 
     def refuse(self: Rotation, *others: Any, **options: Any) -> NoReturn:
         del others, options
@@ -65,10 +65,10 @@ def _refusal(instead: str) -> Callable[..., NoReturn]:
 class Rotation(NonScalar):
     """A rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
 
-    `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions.
-    `R * v` is a vector of the body in the axes of space, `R.T * v` the opposite, and `R[i, j]` an entry.
-    `quaternion` are the four coordinates: the scalar, then the vector. `turns` are quasi-coordinates, small turns about
-    the axes of the body, with the rates `body`; a derivation is written in them.
+    `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions. `R *
+    v` is a vector v of the body in the axes of space, `R.T * v` a vector of space in the axes of the body, and `R[i,
+    j]` an entry of the matrix. `quaternion` are the four coordinates: the scalar, then the vector. `turns` are
+    quasi-coordinates: small turns about the axes of the body, with the rates `body`. Derivations are written in turns.
     """
 
     _op_priority = 100.0
@@ -90,7 +90,7 @@ class Rotation(NonScalar):
         self.space = self._named([f"space_{a}" for a in AXES], space_rates(self.quaternion, velocities))
 
     def _named(self, names: Sequence[str], values: Iterable[Any]) -> Any:
-        """Return a vector of functions of time that abbreviate expressions."""
+        """Return a vector of functions of time; each name, after that of the rotation, abbreviates a value."""
         pairs = zip(names, values, strict=True)
         named = [function_of_time(f"{self.name}_{name}", {SHORTHAND: value}) for name, value in pairs]
         return SpaceMatrix(named)
@@ -145,11 +145,11 @@ class Rotation(NonScalar):
 
 
 def rotation(name: str) -> Rotation:
-    """Return the rotation of that name, from the axes of a body to those of space.
+    """Return the rotation `name`, from the axes of a body to those of space.
 
     `R.body` and `R.space` are its rates about these axes, `R*v` is a turned vector, `R.T*v` the vector turned back, and
-    `R[i, j]` an entry. A System contains it through the four coordinates of its quaternion, such as R_w. Raises
-    StatementError for a name that is not an identifier.
+    `R[i, j]` an entry of the matrix. A System contains it through the four coordinates of its quaternion, such as R_w.
+    Raises StatementError for a name that is not an identifier.
     """
     result = rotation_of(check_name(name, "rotation"))
     COORDINATES.declare(tuple(map(name_of, result.quaternion)))
@@ -161,18 +161,20 @@ rotation_of = cache(Rotation)
 
 
 def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
-    """Return the entries and the rates of rotations by their names, such as R_xx, R_body_x and R_space_x."""
+    """Return {name: function of time} of the entries and rates of rotations, such as R_xx, R_body_x, R_space_x."""
     turned = map(rotation_of, rotations)
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
 
 def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
-    """Return a `table` of a state with entries of coordinates and velocities in place of those of rotations.
+    """Return a table of a state in coordinates and velocities alone: rotations and rates are replaced by quaternions.
 
-    Keys are rotations, {R: start}, and rates as in `_on_rates`; values are numbers or expressions. `values` has those
-    of all coordinates and velocities that are not given. Rates that are not given stay: those about the axes of the
-    body, or about the axes of space if others of these are given. Raises StatementError for a start that is not a
-    rotation, for rates about both, and for a rotation given both whole and by entries of its quaternion.
+    Keys of `given` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
+    are numbers or expressions. `values` has the present values of all coordinates and velocities, for those that are
+    not given. If no rates are given, the rates about the axes of the body stay. If some are given, the other rates
+    about the same axes stay. `table` names the table in messages. Raises StatementError for a start that is not a
+    rotation, for rates about the axes of both body and space, and for a rotation given both whole and by entries of its
+    quaternion.
     """
     names = _names_of(tuple(values))
     plain, rates = _on_rates({names.get(key, key): value for key, value in given.items()}, values, table)
@@ -205,7 +207,7 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
 
 
 def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a reset with entries of quaternions in place of rotations and rates, as in {R.body: -0.8 * R.body}."""
+    """Return a reset whose keys for rotations and rates, such as R.body, are replaced by entries of quaternions."""
     named, others = dict[Any, Any](), dict[Any, Any]()
     for key, value in reset.items():
         rates = isinstance(key, sympy.MatrixBase) or is_shorthand(key)
@@ -218,7 +220,7 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
-    """Return each rotation and its vectors of rates by their names, "R", "R.body" and "R.space"."""
+    """Return {name: rotation or vector of rates} for rotations of a system: "R", "R.body" and "R.space"."""
     return {
         name: value
         for each in _rotations_of(coordinates)
@@ -227,7 +229,7 @@ def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
 
 
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
-    """Set rates of rotations in states (m, 2n); `values` (m,) are those of rates such as R.body[2]."""
+    """Set rates of rotations in states (m, 2n), in place; `values` maps rates such as R.body[2] to numbers (m,)."""
     for each in _rotations_of(coordinates) if values else ():
         rows = np.array([coordinates.index(q) for q in each.quaternion])
         for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):
@@ -242,11 +244,11 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
 def _on_rates(
     table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
-    """Split a table into entries that are not on rates of rotations, and the three values for each vector of rates.
+    """Split a table: return its entries that are not rates of rotations, and {vector of rates: three values}.
 
-    Keys on rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
-    value that is not given is None. `what` is the prefix of names of rates in messages. Raises StatementError for other
-    vectors, entries of a rotation and repeated keys.
+    Keys for rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
+    value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate. Raises
+    StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
     """
     places: dict[Any, tuple[Any, Sequence[int]]] = {}
     for each in _rotations_of(tuple(coordinates)):
@@ -284,9 +286,9 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 
 
 def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
-    """Raise StatementError for a state (q, v) in which a quaternion has not length one, or its length changes.
+    """Raise StatementError if a quaternion in a state (q, v) does not have length one, or if its length changes.
 
-    `values` are those of one state (2n,) or of several (2n, m).
+    `values` is one state (2n,) or several states (2n, m).
     """
     state = np.asarray(values, dtype=float)
     for each, places, moving in _quaternion_rows(tuple(coordinates)):
@@ -303,7 +305,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
 
 @lru_cache(maxsize=256)
 def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
-    """Return each rotation with the rows of its quaternion in a state (q, v), and of the velocities of the quaternion.
+    """Return (rotation, rows of its quaternion in a state (q, v), rows of the quaternion's velocities), in a list.
 
     Cached: SymPy takes 20 us for each comparison of coordinates.
     """
@@ -316,7 +318,7 @@ def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[
 
 @lru_cache(maxsize=256)
 def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
-    """Return the rotations whose quaternions are among the coordinates. Raises StatementError for an incomplete one."""
+    """Return the rotations whose quaternions are in `coordinates`. Raises StatementError for an incomplete one."""
     names = dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None)
     for each in map(rotation_of, names):
         if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:
@@ -325,19 +327,19 @@ def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
 
 
 def in_symbols(names: Iterable[str], rotations: Iterable[str]) -> list[str]:
-    """Return names of coordinates and velocities for a message, with R and R.body for the entries of quaternions."""
+    """Return names of a state for a message: R and R.body replace the entries of a quaternion and their velocities."""
     known = symbols_of_entries(rotations)
     return [*(name for name in names if name not in known), *dict.fromkeys(known.values())]
 
 
 def symbols_of_entries(rotations: Iterable[str]) -> dict[str, str]:
-    """Return R by the names of the entries of its quaternion, and R.body by those of their velocities."""
+    """Return {name of a quaternion entry: "R"} and {name of its velocity: "R.body"} for rotations R."""
     parts = (("", ""), ("_dot", ".body"))
     return {f"{name}_{entry}{end}": f"{name}{of}" for name in rotations for end, of in parts for entry in ENTRIES}
 
 
 def is_scalar(coordinate: Any) -> bool:
-    """Return True for the scalar of a quaternion, which is one where nothing is turned."""
+    """Return True for the scalar entry of a quaternion, which is 1 in the identity rotation."""
     name = rotation_name(coordinate)
     return name is not None and coordinate == rotation_of(name).quaternion[0]
 
@@ -350,7 +352,7 @@ def _three(value: Any, what: str) -> list[Any]:
 
 
 def _vector_name(rates: Any) -> str:
-    """Return R.body or R.space, from the rates of R."""
+    """Return the name of a vector of rates of a rotation R: "R.body" or "R.space"."""
     name, kind, _ = name_of(rates[0]).rsplit("_", 2)
     return f"{name}.{kind}"
 
@@ -360,11 +362,11 @@ TORQUES = "forces", "the torque on "
 
 
 def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
-    """Return a table of forces with generalized forces in place of the torques of rotations.
+    """Return a table of forces with generalized forces on coordinates in place of the torques on rotations.
 
     Torques are given for rates about the axes of the body, R.body, or of space, R.space. The generalized force on an
     entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
-    Raises StatementError for another number of torques, and for {R: ...}, which does not name axes.
+    Raises StatementError for a number of torques other than three, and for {R: ...}, which does not name axes.
     """
     if not isinstance(forces, Mapping):
         return forces
@@ -389,10 +391,11 @@ def reading(
     coordinates: Sequence[Any],
     names: Sequence[str],
 ) -> dict[str, Any] | None:
-    """Return the parts of a statement in turns of the body, entries of R and rates, as a derivation writes them.
+    """Return the fields of a statement in body turns, rates and entries of R, in which a derivation is written.
 
-    `energies` are L, or T and V. They, `forces`, `dissipation` and the expressions of constraints, `zeros`, are as
-    typed. Returns None if they contain an entry of a quaternion.
+    `energies` are L, or T and V, and `zeros` the expressions of the constraints. They, `forces` and `dissipation` are
+    as the user typed them. `names` are those of the rotations. Returns None if a typed expression contains an entry of
+    a quaternion.
     """
     turned = list(map(rotation_of, names))
     replacements: dict[Any, Any] = {}
@@ -430,10 +433,10 @@ def reading(
 
 
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
-    """Return accelerations with those of quaternion entries in place of those of small turns.
+    """Return accelerations with those of small turns replaced by those of quaternions; `names` are the rotations.
 
-    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with
-    |q|'' = 0.
+    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with |q|''
+    = 0.
     """
     solved = {q: in_full(value) for q, value in accelerations.items()}
     for each in map(rotation_of, names):
@@ -446,9 +449,9 @@ def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> di
 
 
 def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
-    """Return an expression with rates about the axes of the body in place of those about the axes of space.
+    """Return an expression with rates about the axes of the body in place of rates about the axes of space.
 
-    The columns of rotations are orthogonal and of length one, if that makes it shorter.
+    The orthogonality of the rotation matrix is used where that makes the expression shorter.
     """
     rotations, replacements = list(map(rotation_of, names)), {}
     formula = formula.xreplace(
@@ -464,7 +467,10 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
-    """Return the sentences that explain a rotation in a derivation; `values` are those of the start."""
+    """Return sentences on a rotation for a derivation: its entries, rates, small turns, and its initial quaternion.
+
+    `values` are the initial values by coordinate.
+    """
     matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
@@ -476,9 +482,9 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
 
 
 def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[Any, float]) -> tuple[float, ...]:
-    """Return the state (q, v) of a statement that is read in turns, whose coordinates are `places`: turns are zero.
+    """Return the initial state (q, v) in the coordinates `places`, which have small turns in place of quaternions.
 
-    `values` are those of the start by coordinate and velocity.
+    `values` are the initial values of the statement by coordinate and velocity. Turns start at zero.
     """
     start = dict(values)
     for each in map(rotation_of, names):
@@ -493,9 +499,9 @@ def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
     """Return a kinetic energy with an inertia along each quaternion q, and the names of the rotations.
 
-    The term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia: the mass matrix is then as
-    well conditioned as that of the rates. Other coordinates in M are replaced by one. An energy that has the term
-    already stays as it is. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
+    The added term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is
+    as well conditioned as one in the rates. Other coordinates in M are replaced by one. If the energy already has the
+    term, it is unchanged. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
     rotations = _rotations_of(tuple(coordinates))
     for each in rotations:
@@ -517,16 +523,17 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
 
 
 def without_inertia(name: str) -> str:
-    """Return the message for a rotation without inertia in the kinetic energy, at rest."""
+    """Return the message for the rotation `name`, if the kinetic energy gives it no inertia at rest."""
     return (
         f"the kinetic energy gives {name} no inertia at rest: add its energy, such as {name}.body.dot(J*{name}.body)/2."
     )
 
 
 def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[Any]]:
-    """Return d2T/dv2 by the velocities of a quaternion, (4, 4), where R is the identity.
+    """Return d2T/dv2 (4, 4) by the velocities of the quaternion of a rotation `each`, at the identity rotation.
 
-    Other coordinates are one, and all velocities zero. If the body is not `still`, its velocities are symbols instead.
+    Other coordinates are one, and all velocities zero. If the body is not `still`, the velocities of its quaternion are
+    symbols instead.
     """
     identity = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in identity and f.args == (t,)]
@@ -539,10 +546,10 @@ def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[A
 
 @lru_cache(maxsize=64)
 def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
-    """Return the inertia matrix of a rotation about the axes of its body, (3, 3), in parameters.
+    """Return the inertia matrix of the rotation `name` about the axes of its body, (3, 3), in parameters.
 
-    Returns None if it contains anything else, if the rates are coupled to other velocities, as by a constraint that was
-    put into the energy, and if the energy is not quadratic in them: no body alone has such an inertia.
+    Returns None if it contains anything but parameters, if the rates are coupled to other velocities, or if the energy
+    is not quadratic in the rates: then it is not the inertia of a single rigid body.
     """
     each = rotation_of(name)
     others = [f for f in kinetic.atoms(sympy.Derivative) if rotation_name(f.expr) != name]
@@ -555,7 +562,7 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
-    `values` are those of parameters. An inertia that contains anything else is not checked.
+    `values` are numbers by parameter. An inertia that contains anything else is not checked.
     """
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):

@@ -1,6 +1,6 @@
 """Settings of a run, with their descriptions for the command line, and the time limit of its preparation.
 
-Loops that derive or compile, and may take long, check that limit.
+Loops that derive or compile, and may take long, call `check_time`.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ CHECKED_EVERY = 512
 
 
 class PreparationTooLongError(LagrangeError):
-    """Deriving or compiling exceeded the time limit; `model` is the one to run, None before its equations are known.
+    """Deriving or compiling took longer than the time limit; `model` is the one to run, None before it is known.
 
-    It is not a RunError, which some callers catch as "no value here".
+    It is not a RunError, since some callers treat a RunError as a missing value.
     """
 
     model: Any = None
@@ -66,9 +66,9 @@ _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limi
 
 
 def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
-    """Limit the time of preparation within the block, until `preparation_ends` at the latest.
+    """Context that limits the time of preparation, until its end or the call of `preparation_ends`.
 
-    `began` is the time of the request by `time.perf_counter`; without `seconds` there is no limit.
+    `began` is the time of the request by `time.perf_counter`. If `seconds` is None, there is no limit.
     """
     return _UNLIMITED if seconds is None else _limited(began, seconds)
 
@@ -87,7 +87,7 @@ def _limited(began: float, seconds: float) -> Iterator[None]:
 
 
 def preparation_ends() -> None:
-    """Remove the limit in the current block when the steps begin; later compilation is not limited."""
+    """Remove the time limit in the current block, because the steps begin. Later compilation is not limited."""
     _LIMIT.set(None)
 
 

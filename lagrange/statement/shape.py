@@ -22,7 +22,10 @@ PARTS = 24
 
 @dataclass(frozen=True)
 class Shape:
-    """The outline of a body, made by `lagrange.shape`: corners in space, three expressions each, and pairs of them."""
+    """The outline of a body, made by `lagrange.shape`: corners in space, three expressions each, and edges.
+
+    An edge is a pair of indices of corners.
+    """
 
     corners: tuple[tuple[Any, ...], ...]
     edges: tuple[tuple[int, int], ...]
@@ -32,8 +35,9 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
     """Return the outline of a body, to draw: a value of `positions` in a System.
 
     `kind` is "box" with three sides, "ellipsoid" with three semi-axes, "disc" with a radius, about the axis z of the
-    body, or "axes" with a length. One size stands for three equal ones. `rotation` turns the body about its place `at`,
-    three expressions; None leaves it along the axes of space. Raises StatementError for other kinds and sizes.
+    body, or "axes" with a length. A single `size` is used for all three sides or semi-axes. `rotation` turns the body
+    about its centre `at`, three expressions. None leaves it along the axes of space. Raises StatementError for other
+    kinds and sizes.
     """
     one_of(kind, OUTLINES, "the shape {given} is not known: give one of {known}.")
     if rotation is not None and not isinstance(rotation, Rotation):
@@ -52,7 +56,7 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
 
 
 def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
-    """Return three entries. If they must be `equal`, a single value is repeated."""
+    """Return three entries of `value`. A single value is repeated if `equal` is true."""
     parts = entries(value, what)
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:
@@ -61,13 +65,16 @@ def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
 
 
 def _box() -> list[list[Place]]:
-    """Return the edges of a box of sides one."""
+    """Return the edges of a cube with sides of length one, as lists of points."""
     corners = [(i, j, k) for i, j, k in product((-0.5, 0.5), repeat=3)]
     return [[a, b] for a, b in combinations(corners, 2) if sum(x != y for x, y in zip(a, b, strict=True)) == 1]
 
 
 def _circle(first: int, second: int) -> list[Place]:
-    """Return a circle of radius one in the plane of two axes, closed; its entries are rounded to six digits."""
+    """Return a circle of radius one in the plane of the axes `first` and `second`, as a closed list of points.
+
+    Entries are rounded to six digits.
+    """
     corners = []
     for k in range(PARTS + 1):
         angle = 2 * math.pi * (k % PARTS) / PARTS
@@ -78,7 +85,7 @@ def _circle(first: int, second: int) -> list[Place]:
 
 
 def _axes(count: int) -> list[list[Place]]:
-    """Return lines of length one from the centre along the first axes."""
+    """Return lines of length one from the centre along the first `count` axes."""
     units: Sequence[Place] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     return [[(0.0, 0.0, 0.0), unit] for unit in units[:count]]
 

@@ -1,4 +1,4 @@
-"""Vectors and matrices in space, and quaternions: products, the matrix of one, angular velocities, and starts."""
+"""Vectors and matrices in space, and quaternions: products, rotation matrices, angular velocities, initial values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lagrange.statement.expression import TEXTS, as_typed, entries, real_number
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):
-    """A vector or a matrix in space. A tuple, a list or an array of three entries counts as a vector beside it."""
+    """A vector or a matrix in space. In operations a tuple, list or array of three entries counts as a vector."""
 
     def __add__(self, other: Any) -> Any:
         return self._combined(super().__add__, other)
@@ -32,7 +32,7 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         return self._combined(super().__mul__, other)
 
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
-        """Return the result of an operation. Raises StatementError for shapes that do not fit."""
+        """Return `operation(other)`. Raises StatementError for shapes that do not fit."""
         second = in_space(other)
         try:
             return operation(second)
@@ -76,7 +76,7 @@ def conjugate(q: Sequence[Any]) -> Quaternion:
 
 
 def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
-    """Return the rotation matrix of a quaternion of any length, three rows."""
+    """Return the rotation matrix (three rows) of a quaternion of any length."""
     w, i, j, k = q
     square = w**2 + i**2 + j**2 + k**2
     return [
@@ -104,13 +104,13 @@ def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, 
 
 
 def velocities_at(q: Sequence[Any], rates: Sequence[Any], *, space: bool) -> Quaternion:
-    """Return the time derivatives of a quaternion that turns with rates about the axes of the body, or of space."""
+    """Return the time derivatives of a quaternion `q` from its rates about the axes of the body, or of `space`."""
     w, i, j, k = product((0, *rates), q) if space else product(q, (0, *rates))
     return w / 2, i / 2, j / 2, k / 2
 
 
 def cross_matrix(vector: Sequence[Any]) -> Any:
-    """Return the matrix of the vector products with a vector of three entries, (3, 3)."""
+    """Return the matrix (3, 3) whose product with a vector x is the cross product `vector` x x."""
     a, b, c = vector
     return sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
 
@@ -120,10 +120,10 @@ LARGEST_DEVIATION = 1e-9
 
 
 def turn(axis: ArrayLike, angle: float) -> Quaternion:
-    """Return the start of a rotation that is turned by an angle in radians about an axis of any length.
+    """Return the initial value of a rotation that is turned by an angle in radians about an axis of any length.
 
-    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is not a vector of three
-    numbers, or zero.
+    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is zero or not a vector of
+    three numbers.
     """
     parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
     along = np.array([real_number(part, "an entry of the axis") for part in parts])
@@ -136,9 +136,9 @@ def turn(axis: ArrayLike, angle: float) -> Quaternion:
 
 
 def quaternion_of(value: Any, name: str) -> Quaternion:
-    """Return the quaternion of a start, which is a quaternion or a rotation matrix.
+    """Return the quaternion of a rotation's initial value, which is a quaternion or a rotation matrix.
 
-    Raises StatementError for one that is not a rotation, with its deviation.
+    Raises StatementError, with the deviation, for a value that is not a rotation.
     """
     given = np.array(value, dtype=object)
     try:
@@ -169,7 +169,7 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
 
 def of_length(name: str, size: float) -> str:
-    """Return the message for a start of a rotation that is a quaternion of another length than one."""
+    """Return the message for an initial quaternion of the rotation `name` whose length `size` is not one."""
     return (
         f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
         "lagrange.turn(axis, angle)."

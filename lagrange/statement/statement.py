@@ -1,4 +1,4 @@
-"""The frozen record of a statement, links between its points, and the default settings of its run."""
+"""The frozen record of a statement, links between its points, and its constraints."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Link(NamedTuple):
 
 
 def corners(links: Sequence[Link]) -> frozenset[str]:
-    """Return the names of points where only edges end: pictures show neither a mark nor a path of these."""
+    """Return the names of points at which only edges end. Pictures show neither a mark nor a path of such points."""
     edges = {name for link in links if link.kind == EDGE for name in link[:2]}
     return frozenset(edges.difference(*(link[:2] for link in links if link.kind != EDGE)))
 
@@ -50,7 +50,7 @@ class Constraint:
 
     @property
     def multiplier(self) -> Any:
-        """Symbol of its multiplier."""
+        """Symbol of the multiplier of this constraint."""
         return multiplier(self.name)
 
 
@@ -62,23 +62,23 @@ REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 class Statement:
     """A mechanical system as stated: n coordinates, their energies, forces, parameters and initial state.
 
-    Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
-    `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
+    Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t. `forces`
+    has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
 
-    - `constraints` are expressions that stay zero. `redundant` refuses or allows those that follow from others.
+    - `constraints` are expressions that stay zero. `redundant` refuses or allows constraints that follow from others.
     - `defaults` lacks the parameters without a value.
-    - `dimensions` has those of coordinates, parameters and t that were stated, or follow from these; it may be empty.
+    - `dimensions` are by coordinate, parameter and t, as far as stated or derived from stated ones; it may be empty.
     - `given` are given functions of time, and `orders` the order of the highest derivative of each.
     - `unknown` are undefined functions of coordinates, such as U(r).
     - `prescribed` pairs each given function and derivative with the values that replaced it, and `open_form` is the
-      statement before this replacement; without one they are empty and None.
+      statement before this replacement. Without a replacement they are empty and None.
     - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
       are the last parameters.
     - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
-    - `surfaces` are points by name, which run along a line or a curve as `along` grows from 0 to 1.
+    - `surfaces` are moving points by name; each runs along a line or a curve as `along` grows from 0 to 1.
     - `rotations` are the names of rotations, whose quaternions are among the coordinates.
-      `reading` is the statement in turns of these bodies, for people to read: there three turns of each are the last
-      coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each.
+      `reading` is the same statement for derivations: three small turns of each body replace its quaternion and are the
+      last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each rotation.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
@@ -163,7 +163,7 @@ class Statement:
 
     @property
     def applied(self) -> dict[Any, Any]:
-        """The forces as `lagrange.System` takes them: by coordinate, and torques by rate if it is read in turns."""
+        """The forces as `lagrange.System` takes them: by coordinate. A statement in small turns has torques by rate."""
         return {getattr(q.func, RATE, q): force for q, force in zip(self.coordinates, self.forces, strict=True)}
 
     @property
@@ -172,7 +172,7 @@ class Statement:
         return bool(self.potential == 0 and self.kinetic == self.lagrangian)
 
     def highest(self, function: Any) -> int:
-        """Return the highest order of derivatives of a given function in the equations: 2, or one more than stated."""
+        """Return the highest order of derivatives of a given function in equations: 2, or one more than stated."""
         return max(2, self.orders[self.given.index(function)] + 1)
 
     @property
@@ -222,7 +222,7 @@ class Statement:
 
     @cached_property
     def drawn(self) -> dict[str, tuple[Any, ...]]:
-        """The positions of named points, and of the points along surfaces, by name."""
+        """Positions by name: the named points, and the points along surfaces."""
         return {**self.positions, **{name: point for line in self.outlines.values() for name, point in line.items()}}
 
     @property
@@ -237,7 +237,7 @@ class Statement:
 
     @property
     def known_motions(self) -> list[tuple[Any, Any] | str]:
-        """The given functions with values: the two sides of a formula, or a sentence about a table."""
+        """The given functions with values, each as (function, formula), or as a sentence if it is a table."""
         motions = [(function, motion_of(function)) for function in self.given]
         pairs = [(function, motion.values) for function, motion in motions if motion and motion.values is not None]
         return [pair if isinstance(pair[1], Expr) else f"{name_of(pair[0])} is given by {pair[1]}." for pair in pairs]
@@ -253,5 +253,5 @@ class Statement:
         return MappingProxyType(table)
 
     def quote(self, expression: Any, most: int = 80) -> str:
-        """Return an expression as a message quotes it, in plain names, cut to `most` characters."""
+        """Return an expression as text for a message, in plain names, cut to `most` characters."""
         return formula(expression.xreplace(dict(self.plain)), most)

@@ -26,10 +26,10 @@ ones."""
 
 
 def given(name: str, values: Any = None) -> Any:
-    """Return a given function of time of that name: a motion that is known, or an input.
+    """Return the given function of time `name`: a motion that is known, or an input.
 
-    `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 increasing times.
-    A cubic spline joins the values of a table: its first and second derivatives are continuous. Without `values` the
+    `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 increasing times. A
+    cubic spline joins the values of a table: its first and second derivatives are continuous. Without `values` the
     function stays open: derivations contain it with its derivatives, and a run raises StatementError. `.dot` and
     `.ddot` are its derivatives. Raises StatementError for other values.
     """
@@ -81,8 +81,8 @@ def check_given(survey: Survey, coordinates: Collection[str]) -> None:
 def with_values(statement: Statement) -> Statement:
     """Return the statement with its given functions replaced by their expressions in t.
 
-    Open functions, and undefined functions of coordinates, become polynomials with symbols as coefficients. These show
-    what the equations depend on; `require_values` refuses to run them.
+    Open functions, and undefined functions of coordinates, become polynomials with symbols as coefficients. So the
+    equations can be analysed, but not run: `require_values` refuses to run them.
     """
     coefficients: dict[Any, None] = {}
 
@@ -93,9 +93,9 @@ def with_values(statement: Statement) -> Statement:
 
 
 def with_inputs(statement: Statement) -> Statement:
-    """Return the statement with its given functions replaced, the open ones by inputs: `X`, `X_dot`, ...
+    """Return the statement with given functions replaced: by their values, or without values by inputs X, X_dot, ...
 
-    An input is a parameter whose value changes along a motion. Its rate is the next input.
+    An input is a parameter whose value changes along a motion. The rate of each input is the next one.
     """
     rates: dict[Any, Any] = {}
 
@@ -114,8 +114,8 @@ def _put_in(
 ) -> Statement:
     """Return the statement with given functions replaced by their values, and undefined functions by polynomials.
 
-    `open_values` maps an open function to its derivatives by order, and enters their new symbols in `symbols`. These
-    become the last parameters.
+    `open_values` takes a function without values. It returns a callable from the order to the derivative of that order,
+    and enters the new symbols of these derivatives in `symbols`. They become the last parameters.
     """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement
@@ -182,7 +182,7 @@ def require_values(statement: Statement) -> None:
 
 
 def require_formulas(statement: Statement) -> None:
-    """Raise StatementError if a function of coordinates is not written out."""
+    """Raise StatementError if a function of coordinates, such as U(r), has no formula."""
     if statement.unknown:
         raise StatementError(
             f"{listing(map(str, statement.unknown))} {'is' if len(statement.unknown) == 1 else 'are'} not written out, "
@@ -209,7 +209,7 @@ def check_span(statement: Statement, t0: float, t1: float) -> None:
 
 
 def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
-    """Return {function: given function of the same name with these values}."""
+    """Return {function: given function of the same name with `values`}, for `xreplace`."""
     return {function: given(name_of(function), values)}
 
 
@@ -218,9 +218,9 @@ LETTER = "S"
 
 
 def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
-    """Return the statement with each table as a function of its argument, and a sentence on each of these functions.
+    """Return the statement with each table named as a function, such as S(x), and a sentence on each such function.
 
-    A statement without tables is returned as it is.
+    A statement without tables is returned unchanged.
     """
     expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
     expressions += tuple(constraint.expression for constraint in statement.constraints)

@@ -1,4 +1,4 @@
-"""Values of given functions: formulas, and tables over any argument."""
+"""Values of given functions: formulas, and tables of numbers over any argument."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ differences at an end lead to such arguments."""
 
 @dataclass(frozen=True)
 class TabulatedFunction:
-    """Values at increasing points, joined by cubics whose first and second derivatives are continuous."""
+    """Numbers `values` at increasing `points`, joined by cubics with continuous first and second derivatives."""
 
     points: tuple[float, ...]
     values: tuple[float, ...]
@@ -46,12 +46,12 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     It may stand in energies, forces and constraints: `lg.table(x, [0, 1, 2, 3], [0, 0.9, 2.1, 3.8])` is the value at
     the coordinate x. `argument` is any expression: a coordinate, a velocity, a distance. `values` (K,) belong to
     `points` (K,), 4 to 200 increasing numbers. They are joined by a cubic spline ("not a knot"), whose first and second
-    derivatives are continuous: the expression is a Piecewise of cubics. Outside of the points it has no value, and a
-    run that gets there stops with a message.
+    derivatives are continuous: the expression is a Piecewise of cubics. Outside of the points it has no value. A run
+    that leaves the points stops with a message.
 
-    Numbers have no unit. In a system with `dimensions` write the argument over a unit and a unit before the table, as
-    in `e*lg.table(x/a, points, values)`. A table over time is `lg.given(name, (times, values))`. Raises StatementError
-    for points that do not increase, and for numbers that are not finite.
+    Numbers have no unit. In a system with `dimensions`, divide the argument by a unit and multiply the table by a unit,
+    as in `e*lg.table(x/a, points, values)`. A table over time is `lg.given(name, (times, values))`. Raises
+    StatementError for points that do not increase, and for numbers that are not finite.
     """
     variable = expression(argument, "the argument of the table")
     if not variable.free_symbols:
@@ -76,9 +76,9 @@ _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return the argument of a spline and the table it was made from, or None.
+    """Return the argument of a spline and the table from which the spline was made, or None.
 
-    Only recently made tables are known. `node` must be exactly their spline.
+    Only the most recently made tables are searched. `node` must equal the spline of one of them.
     """
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
@@ -92,9 +92,9 @@ def _ends(table: TabulatedFunction) -> tuple[float, float]:
 
 
 def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
-    """Return a table from two columns of numbers.
+    """Return a table from `columns`, two lists of numbers: points and values.
 
-    `points` names the entries of the first column in messages, such as "times".
+    `points` names the numbers of the first list in messages, such as "times", and `what` names the table.
     """
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
@@ -124,7 +124,7 @@ def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Tabul
 
 @lru_cache(maxsize=256)
 def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
-    """Return the derivative of that order of the spline, a Piecewise in a variable, undefined outside of the points.
+    """Return the derivative of `order` of a table's spline in `variable`, a Piecewise, undefined outside the points.
 
     The spline is "not a knot": the first two intervals have the same cubic, and so have the last two.
     """
@@ -144,7 +144,7 @@ def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
 
 
 def table_range(node: Any) -> tuple[Any, float, float] | None:
-    """Return (argument, first point, last point) of a table, or of a derivative of one; None for other expressions."""
+    """Return (argument, lower, upper end) of the range of a table or of its derivative; None for other expressions."""
     conditions = node.args[0].cond.args if isinstance(node, sympy.Piecewise) and len(node.args) == 1 else ()
     ends = {type(part): part for part in conditions}
     if set(ends) == {sympy.StrictGreaterThan, sympy.StrictLessThan}:
@@ -155,7 +155,7 @@ def table_range(node: Any) -> tuple[Any, float, float] | None:
 
 
 def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
-    """Yield (argument, first point, last point) of each table in an expression."""
+    """Yield (argument, lower end, upper end) of the range of each table in an expression."""
     yield from (bounds for node in expression.atoms(sympy.Piecewise) if (bounds := table_range(node)) is not None)
 
 
@@ -165,13 +165,13 @@ MARK = "motion"
 
 @dataclass(frozen=True)
 class Motion:
-    """Values of a given function: an expression in t and parameters, a TabulatedFunction, or None if it is open."""
+    """Values of a given function: an expression in t and parameters, a TabulatedFunction, or None without values."""
 
     values: Any = None
 
     @property
     def expression(self) -> Any:
-        """The expression, None for a table or an open function."""
+        """The expression; None for a table or a function without values."""
         return self.values if isinstance(self.values, sympy.Expr) else None
 
     @property
@@ -181,7 +181,7 @@ class Motion:
         return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
     def derivative(self, order: int) -> Any:
-        """Return the derivative of that order as an expression in t and parameters."""
+        """Return the derivative of order `order` as an expression in t and parameters."""
         return (
             spline(self.values, order, t) if isinstance(self.values, TabulatedFunction) else _slope(self.values, order)
         )
@@ -194,7 +194,7 @@ def motion_of(function: Any) -> Motion | None:
 
 
 def _slope(expression: Any, order: int) -> Any:
-    """Return the derivative of that order in t, which is real; at a corner or a jump it is one-sided."""
+    """Return the derivative of order `order` in t, where t is real. At a corner or a jump it is one-sided."""
     time = sympy.Dummy(real=True)
     derivative = expression.xreplace({t: time})
     for _ in range(order):
