@@ -114,7 +114,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     """Return the checked `keep` option. Raises StatementError for unknown names and invalid expressions."""
     listed = entries((given,) if isinstance(given, str) or _is_reduction(given) or _is_first(given) else given, "keep")
     if not listed:
-        raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
+        raise StatementError(f'keep is {shown(given)}: give at least one result, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
     occurrences = 0
     reductions: list[Reduction] = []

@@ -265,7 +265,7 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
     if differs := difference(stored, made_of):
         raise StatementError(
             f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "
-            "make the call that it was made by."
+            "repeat the call that made it."
         )
 
 

@@ -244,7 +244,10 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
         {"initial": {"theta1": [1.0]}, "keep": ("ends",)},
         "keep has 'ends', which is none of end, counts",
     ),
-    ({"initial": {"theta1": [1.0]}, "keep": ()}, "keep is (): give names"),
+    (
+        {"initial": {"theta1": [1.0]}, "keep": ()},
+        'keep is (): give at least one result, such as ("end", ("max", theta)).',
+    ),
     ({"initial": {"theta1": [1.0]}, "keep": ("events",)}, "keep has events, and the ensemble has none"),
     (
         {"initial": {"theta1": [1.0]}, "keep": (("max", lg.coordinate("w")),)},
