@@ -67,7 +67,7 @@ class Stages:
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return an interpreted kernel that evaluates nodes of the equations' graph."""
+        """Return an interpreted kernel, called `name` in errors, that evaluates nodes of the equations' graph."""
         return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
@@ -78,12 +78,15 @@ class Stages:
 
     @property
     def again(self) -> Callable[..., Model]:
-        """Function that makes the model of a statement on the same machine; it pickles without these equations."""
+        """Function that compiles a statement for the same machine. It can be pickled, without these equations."""
         return partial(_on_machine, self.machine.name)
 
 
 def reached(statement: Statement, equations: Equations, states: FloatArray, parameters: FloatArray) -> list[FloatArray]:
-    """Return the nearest states on the constraints for states (2n, k), without those whose projection fails."""
+    """Return the states (2n, k) moved to the nearest states on the constraints, as a list.
+
+    States whose projection fails are left out.
+    """
     projection = Projection(Model(statement, equations, Stages(equations, machine("numpy"))), 0.0, parameters)
     projected = (projection.reached(state) for state in states.T)
     return [state for state in projected if state is not None]
@@ -92,7 +95,7 @@ def reached(statement: Statement, equations: Equations, states: FloatArray, para
 def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = None) -> Model:
     """Return the model of a pickled statement on its machine, or on numpy where that machine is not installed.
 
-    `kept` has the indices of independent constraints, where these are known.
+    `kept` has the indices of independent constraints, or is None if they are not known.
     """
     try:
         on = machine(target)
@@ -102,10 +105,10 @@ def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = 
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
-    """Return a model whose kernels are compiled at first use; open given functions become inputs.
+    """Return a model on the machine `on`, whose kernels are compiled at first use.
 
-    `equations` are those of the statement; with inputs they are derived again. Raises StatementError for undefined
-    functions of coordinates.
+    Given functions of time without values become inputs. `equations` are the equations of the statement; with inputs
+    they are derived again. Raises StatementError for undefined functions of coordinates.
     """
     require_formulas(statement)
     statement = with_solved_multipliers(with_inputs(statement))
@@ -134,7 +137,10 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
 
 
 def machine(target: str) -> Machine:
-    """Return the machine of a target. Raises StatementError if it is unknown, MissingTargetError if missing."""
+    """Return the machine of a target.
+
+    Raises StatementError for an unknown target, and MissingTargetError for one that is not installed.
+    """
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     try:
         result: Machine = _loaded(MACHINES[target])()
@@ -149,8 +155,8 @@ def machine(target: str) -> Machine:
 def load(path: str | PathLike[str]) -> Solution:
     """Return the run that `solution.to_npz` wrote, with its system: a Solution.
 
-    Between its outputs it has only the states that the file stores for animations. No code in the file is run: it holds
-    numbers and a scene. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
+    Between its outputs it has only the states that the file stores for animations. The file holds numbers and a scene,
+    and no code in it is run. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
     """
     return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))
 

@@ -22,7 +22,7 @@ not at all."""
 
 
 class LagrangeError(Exception):
-    """Base of every error that this package raises on purpose: a printable message of at most 400 characters."""
+    """Base of every error that this package raises on purpose: its message has at most 400 printable characters."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(_sentence(str(message)))
@@ -33,7 +33,7 @@ class StatementError(LagrangeError, ValueError):
 
 
 class UnknownKey(StatementError, KeyError):
-    """A key that is missing from a mapping. It is a KeyError too, which `get` and `in` of Python's mappings need."""
+    """A key that is missing from a mapping. It is also a KeyError, so that `get` and `in` of mappings work."""
 
     __str__ = Exception.__str__  # KeyError.__str__ would add quotation marks
 
@@ -55,7 +55,7 @@ class RunError(LagrangeError):
 
 
 class _Short(reprlib.Repr):
-    """A short repr of any value, however long the value is and even if its own repr raises."""
+    """A short repr of any value, also of a very long value or a value whose own repr raises an exception."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ def shown(value: Any, most: int = 80) -> str:
 
 
 def shortened(text: str, most: int = 160) -> str:
-    """Return a text, such as a path, without its middle if it has more than `most` characters."""
+    """Return a text, such as a path; of more than `most` characters the middle is left out."""
     return text if len(text) <= most else f"{text[: most // 2 - 3]}...{text[-(most // 2) :]}"
 
 
@@ -88,7 +88,7 @@ TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 
 
 def has_many_parts(expression: Any) -> bool:
-    """Return whether a SymPy expression is too large, or nested too deeply, for a message."""
+    """Return True if a SymPy expression is too large, or nested too deeply, for a message."""
     waiting, count = [(expression, 0)], 0
     while waiting:
         node, level = waiting.pop()
@@ -101,7 +101,7 @@ def has_many_parts(expression: Any) -> bool:
 
 
 def formula(expression: Any, most: int = 80) -> str:
-    """Return a SymPy expression as text for a message: cut if it is long, only described if it is very large."""
+    """Return a SymPy expression as text for a message, cut to about `most` characters; a huge one is only described."""
     if has_many_parts(expression):
         return MANY_PARTS
     try:
@@ -111,7 +111,7 @@ def formula(expression: Any, most: int = 80) -> str:
 
 
 def _sentence(text: str) -> str:
-    """Return a text with control characters escaped, and without its middle if it is longer than a message may be."""
+    """Return a message with control characters escaped; the middle of a message that is too long is left out."""
     if not text.isprintable():
         text = " ".join(text.split("\n"))
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
@@ -133,7 +133,7 @@ FAULT = "This is a fault of lagrange, please report it with this message."
 
 
 def listing(names: Iterable[str], most: int | None = None) -> str:
-    """Return the names as ``a, b and c``; of many the first `most` names and the number of others."""
+    """Return the names as ``a, b and c``; of more than `most` names the first `most` and the number of the others."""
     words = list(names)
     if most is not None and len(words) > most + 1:
         words = [*words[:most], f"{len(words) - most} others"]
@@ -143,7 +143,7 @@ def listing(names: Iterable[str], most: int | None = None) -> str:
 
 
 def abridged(names: Iterable[str], most: int = 8) -> str:
-    """Return the names as ``a, b, c``; of many the first `most` names and the number of others."""
+    """Return the names as ``a, b, c``; of more than `most` names the first `most` and the number of the others."""
     words = list(names)
     left = len(words) - most
     return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"
@@ -155,5 +155,5 @@ def singular(noun: str) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return ``1 step`` or ``2 steps``."""
+    """Return a number with its noun, in the plural unless the number is 1: ``1 step``, ``2 steps``."""
     return f"{number} {noun}{'s' * (number != 1)}"

@@ -31,7 +31,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of a command: its exit code, its text, and its content as data for --json."""
+    """Result of a command: its exit code, its text, and the same content as data for --json."""
 
     code: int
     text: str
@@ -39,7 +39,10 @@ class Answer:
 
 
 class Help(argparse.HelpFormatter):
-    """Help with a column of commands as wide as the longest name: argparse does not count their indentation."""
+    """Formatter of the help text: the column of commands is as wide as the longest name with its indentation.
+
+    The class of argparse does not count the indentation.
+    """
 
     def add_argument(self, action: argparse.Action) -> None:
         """Add an argument; for commands, count their indentation."""
@@ -66,7 +69,10 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
-    """Add a command with the options that all commands share, and return its parser."""
+    """Add a command with the options that all commands share, and return its parser.
+
+    `function` runs the command, `summary` is its line of help. With `takes_scene` its argument is a scene.
+    """
     command = commands.add_parser(
         name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False, formatter_class=Help
     )
@@ -89,14 +95,14 @@ def add_start(command: Any) -> None:
 
 
 def add_parameters(command: Any) -> None:
-    """Add the option --set for values of parameters, `request.set`."""
+    """Add the option --set, which sets values of parameters and is stored as `request.set`."""
     command.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
     )
 
 
 def add_initial(command: Any) -> None:
-    """Add the option --initial for initial values, `request.initial`."""
+    """Add the option --initial, which sets initial values and is stored as `request.initial`."""
     command.add_argument(
         "--initial",
         metavar="NAME=VALUE",
@@ -107,7 +113,7 @@ def add_initial(command: Any) -> None:
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the values of the options of `add_start` as keyword arguments of a run."""
+    """Return the options that `add_start` added, as keyword arguments of a run."""
     return {
         "initial": assignments("--initial", request.initial),
         "parameters": assignments("--set", request.set),
@@ -116,7 +122,7 @@ def start(request: argparse.Namespace) -> dict[str, Any]:
 
 
 def load_scene(scene: str) -> System:
-    """Return the system of a scene file, or of a name of the library."""
+    """Return the system of a scene, given as a file or as a name in the scene library."""
     # A library name has no suffix and no separator; everything else is taken as the path of a file.
     if (
         scene.endswith(".toml")
@@ -129,7 +135,7 @@ def load_scene(scene: str) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return a folder to write to, created if missing.
+    """Return the path of a folder to write to. The folder is created if it is missing.
 
     Raises StatementError for a folder that cannot be used.
     """
@@ -146,9 +152,10 @@ def folder(name: str) -> Path:
 
 
 def entries(option: str, given: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
-    """Return the parts between colons of a repeated option by name, such as l: 0.5, 2 for `--slider l=0.5:2`.
+    """Return the parts between colons of each use of a repeated option, by name.
 
-    `form` is the form after the equals sign, such as LOW:HIGH, and `example` an option that has it.
+    `given` are the texts after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form after the
+    equals sign, such as LOW:HIGH, and `example` is an example for errors.
     """
     found: dict[str, list[str]] = {}
     for text in given:
@@ -175,7 +182,7 @@ def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 def given_number(option: str, text: str | None) -> float | None:
-    """Return the number of an option, None if the option is absent."""
+    """Return the number in the text of an option, None if the option is absent."""
     return None if text is None else number(option, text)
 
 
@@ -194,7 +201,7 @@ def number(option: str, text: str) -> float:
 
 
 def count(option: str, text: str | None) -> int | None:
-    """Return the whole number of an option, at least 2, or None if the option is absent."""
+    """Return the whole number in the text of an option, at least 2, or None if the option is absent."""
     if text is None:
         return None
     if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
@@ -205,24 +212,24 @@ def count(option: str, text: str | None) -> int | None:
 
 
 def number_list(option: str, text: str | None) -> list[float] | None:
-    """Return the numbers of a list with commas, None if the option is absent."""
+    """Return the numbers of a comma-separated list, None if the option is absent."""
     return None if text is None else [number(option, part.strip()) for part in text.split(",")]
 
 
 def add_method(command: Any) -> None:
-    """Add the options of the integration method."""
+    """Add the options that choose the integration method."""
     for name, metavar in (("method", "NAME"), ("rtol", "X"), ("atol", "X"), ("step", "H")):
         command.add_argument(f"--{name}", metavar=metavar, help=DESCRIPTIONS[name])
 
 
 def method(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the values of the options of `add_method` as keyword arguments of a run."""
+    """Return the options that `add_method` added, as keyword arguments of a run."""
     numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
     return {"method": request.method, **numbers}
 
 
 def code_of(solution: lg.Solution) -> int:
-    """Return the exit code of a run: done, failed or interrupted."""
+    """Return the exit code for the status of a run: 0 if it is complete, 1 if it failed, 130 if it was interrupted."""
     if solution.status is lg.Status.INTERRUPTED:
         return INTERRUPTED
     return DONE if solution.status.complete else FAILED

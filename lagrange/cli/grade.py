@@ -42,7 +42,7 @@ UNREADABLE = "cannot be read"
 
 
 def add_grade(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `grade` to the command line."""
     grade_ = add_command(commands, "grade", grade, "compare equations of motion in a file or folder with a scene's")
     grade_.add_argument(
         "file",
@@ -73,7 +73,7 @@ def grade(request: argparse.Namespace) -> Answer:
 
 
 def _is_folder(name: str) -> bool:
-    """Return whether a name is that of a folder; false for a name that is too long for the file system."""
+    """Return True if a name is that of a folder, also False for a name that is too long for the file system."""
     try:
         return Path(name).is_dir()
     except (OSError, ValueError):
@@ -81,7 +81,10 @@ def _is_folder(name: str) -> bool:
 
 
 def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bool) -> Answer:
-    """Compare every file of a folder; a file that cannot be read does not stop the others."""
+    """Compare every file of a folder with the system, and write the table to `out` if it is not None.
+
+    A file that cannot be read does not stop the others.
+    """
     files = list(_answers(folder))
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
@@ -105,7 +108,7 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
 
 
 def _wrapped(cells: Sequence[Sequence[str]]) -> Iterator[tuple[str, str, str]]:
-    """Yield the rows of the printed table; a finding that is too wide continues on the next lines."""
+    """Yield the rows (student, verdict, finding) of the printed table; a long finding continues on the next rows."""
     width = columns_of_output() - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:2])
     for student, verdict, finding, _ in cells:
         first, *more = textwrap.wrap(finding, max(width, NARROWEST)) or [""]
@@ -114,12 +117,15 @@ def _wrapped(cells: Sequence[Sequence[str]]) -> Iterator[tuple[str, str, str]]:
 
 
 def _answers(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder, sorted by name, without hidden files."""
+    """Yield the paths of the files in a folder, sorted by name, without hidden files."""
     yield from (path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir())
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return the result for one file: the columns except the student, and all fields of the comparison for --json."""
+    """Return the result for one file as a dict: the columns of the table, and all fields of the comparison for --json.
+
+    The column with the student's name is missing.
+    """
     row: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:
         result = system.compare(_text(path))

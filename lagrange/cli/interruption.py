@@ -30,10 +30,11 @@ _IMPORTING = "<frozen importlib"
 
 
 class Signalled(KeyboardInterrupt):
-    """A signal asked the program to end.
+    """Exception: a signal asked the program to end.
 
-    It is a subclass, because Python treats a plain KeyboardInterrupt specially: if one ended code that was passed as
-    text, such as that of a named tuple, the process is killed with SIGINT at its end, even if it was caught.
+    It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If a plain one
+    ends code that was passed as text, such as that of a named tuple, Python kills the process with SIGINT at its end.
+    It does so even if the exception was caught.
     """
 
     def __init__(self, number: int) -> None:
@@ -53,7 +54,7 @@ class Interruption:
         return 128 + (self.number or 0)
 
     def listen(self) -> None:
-        """Handle the signals from now on, except those that are ignored since the start of the program."""
+        """Handle the signals from now on, except signals that were ignored at the start of the program."""
         for number in self._numbers():
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self.handle)
@@ -61,7 +62,10 @@ class Interruption:
         occupy_standard_streams()
 
     def close(self) -> None:
-        """Ignore signals from now on: the program is ending. Those in its last milliseconds go to the interpreter."""
+        """Ignore signals from now on, because the program is ending.
+
+        The interpreter handles signals that arrive in its last milliseconds.
+        """
         for number in self._numbers():
             signal.signal(number, signal.SIG_IGN)
 
@@ -79,7 +83,10 @@ class Interruption:
         return [names[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in names]
 
     def _come_again(self) -> None:
-        """Send the signal again after `INTERVAL` seconds. This code runs in the main thread, which receives it."""
+        """Send the signal again after `INTERVAL` seconds.
+
+        This code runs in the main thread, and the main thread receives the signal.
+        """
         number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
         def wait() -> None:
@@ -92,7 +99,7 @@ class Interruption:
         _thread.start_new_thread(wait, ())
 
     def _lost(self, unraisable: Any) -> None:
-        """Send a signal again if its exception was lost, for example in a finalizer; see `sys.unraisablehook`.
+        """Send a signal again if its exception was lost, for example in a finalizer. This is a `sys.unraisablehook`.
 
         After a signal, other unraisable exceptions are dropped: they come from partly initialized objects.
         """

@@ -211,7 +211,7 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
 def add_scenes(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `scenes` to the command line."""
     scenes_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
     scenes_.add_argument(
         "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
@@ -220,7 +220,7 @@ def add_scenes(commands: Any) -> None:
 
 
 def scenes(request: argparse.Namespace) -> Answer:
-    """Return the scenes of the library. Only the files are read, which is fast."""
+    """List the scenes of the library. Only their files are read, and nothing is compiled."""
     found = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
     if request.long:
         return Answer(DONE, "\n\n".join(map(_paragraph, found)), found)

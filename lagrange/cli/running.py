@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 def add_run(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `run` to the command line."""
     run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
     add_start(run_)
     add_method(run_)
@@ -119,7 +119,7 @@ TABLE, STORE = ".csv", ".zarr"
 
 
 def add_ensemble(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `ensemble` to the command line."""
     command = add_command(commands, "ensemble", ensemble, "run a scene from many starts, or with many parameters")
     command.add_argument(
         "--vary",
@@ -190,7 +190,10 @@ def ensemble(request: argparse.Namespace) -> Answer:
 
 
 def _target(request: argparse.Namespace) -> Path | None:
-    """Return the file or folder to write, or None. A path that cannot be written is refused before the long runs."""
+    """Return the file or folder that --out names, or None without --out.
+
+    Raises StatementError before the runs, which may be long, if it cannot be written.
+    """
     if request.out is None:
         return None
     out = Path(request.out)
@@ -211,7 +214,7 @@ MOST_WITHOUT_STORE = 10_000_000
 
 
 def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:
-    """Raise StatementError for more than `MOST_WITHOUT_STORE` members without a folder that stores them."""
+    """Raise StatementError for more than `MOST_WITHOUT_STORE` members, unless `out` is a folder that stores them."""
     members = math.prod(count for _, _, count in axes.values())
     if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
         raise StatementError(
@@ -221,7 +224,10 @@ def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) 
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:
-    """Write the picture or the table, and return a line of text about it."""
+    """Write the picture of the quantity `what`, or the table, to `out`, and return a line of text about it.
+
+    With `stopped` the line says how to continue an interrupted ensemble.
+    """
     ending = out.suffix.lower()
     if ending == STORE:
         return f"\nwritten to {out}{'; the same command goes on from here' if stopped else ''}"
@@ -234,7 +240,7 @@ def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped
 
 
 def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
-    """Return (low, high, count) of each varied quantity, by name."""
+    """Return (low, high, count) of each varied quantity by name, from the texts of --vary."""
     if not given:
         raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
     axes = {}
@@ -247,14 +253,14 @@ def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
 
 
 def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -> Any:
-    """Return the grid of all members; quantities in `held` have one value."""
+    """Return the grid of all members: quantities in `axes` vary, and quantities in `held` have one value."""
     if twice := next((name for name in axes if name in held), None):
         raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
     return lg.grid({**{name: [value] for name, value in held.items()}, **axes})
 
 
 def _columns(kept: list[str]) -> list[str]:
-    """Return the names of kept quantities that can be drawn."""
+    """Return the names of the quantities that can be drawn among those that --keep names."""
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
     return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
 
@@ -262,7 +268,11 @@ def _columns(kept: list[str]) -> list[str]:
 def _drawn(
     request: argparse.Namespace, out: Path | None, axes: dict[str, Any], known: list[str], points: int | None
 ) -> str | None:
-    """Return the quantity that a picture shows, None for the default. Raises StatementError for an invalid request."""
+    """Return the name of the quantity that the picture shows, or None for the default.
+
+    `known` are the names that can be drawn, `points` is the number of output times. Raises StatementError for an
+    invalid request.
+    """
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:
         if request.what is not None:

@@ -35,7 +35,7 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 
 def add_export(commands: Any) -> None:
-    """Add the commands to the command line."""
+    """Add the commands `export` and `targets` to the command line."""
     export_ = add_command(commands, "export", export, "write a scene as source files for other solvers")
     export_.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
     export_.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
@@ -50,7 +50,7 @@ def add_export(commands: Any) -> None:
 
 
 def export(request: argparse.Namespace) -> Answer:
-    """Write a scene for a target, and print the commands of its self-test."""
+    """Write the source files of a scene for a target, and print the commands of their self-test."""
     system = load_scene(request.scene)
     contents = None if request.contents is None else [name.strip() for name in request.contents.split(",")]
     values: Any = assignments("--set", request.set)
@@ -68,7 +68,7 @@ def targets(request: argparse.Namespace) -> Answer:
 
 
 def add_page(commands: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command `page` to the command line."""
     page_ = add_command(
         commands, "page", page, "write a web page on which a scene moves, one file that needs no network"
     )
@@ -86,7 +86,7 @@ def add_page(commands: Any) -> None:
 
 
 def page(request: argparse.Namespace) -> Answer:
-    """Write the page of a scene."""
+    """Write the web page of a scene."""
     values, initial = assignments("--set", request.set), assignments("--initial", request.initial)
     sliders = bounds("--slider", request.slider)
     path = load_scene(request.scene).to_page(request.out, parameters=values, initial=initial, sliders=sliders)
@@ -97,7 +97,7 @@ def page(request: argparse.Namespace) -> Answer:
 
 
 def add_pictures(commands: Any) -> None:
-    """Add the commands to the command line."""
+    """Add the commands `plot` and `animate` to the command line."""
     plot_ = add_command(commands, "plot", plot, "run a scene and write a picture of the run")
     plot_.add_argument(
         "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
@@ -173,7 +173,7 @@ def _solution(request: argparse.Namespace) -> lg.Solution:
 
 
 def _file(request: argparse.Namespace, ending: str) -> Path:
-    """Return the path to write: the named file, or a file in the current folder named after the scene."""
+    """Return the path that --out names, or a file in the current folder with the name of the scene and this ending."""
     if request.out == "":
         raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
     path = Path(Path(request.scene).stem + ending if request.out is None else request.out)
@@ -182,7 +182,7 @@ def _file(request: argparse.Namespace, ending: str) -> Path:
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
-    """Return width and height of an option such as 640x480, None if it was not given."""
+    """Return (width, height) of an option such as 640x480, or None if the option is absent."""
     if text is None:
         return None
     match = re.fullmatch(r"([0-9]{1,6})[x×]([0-9]{1,6})", text.strip())
@@ -192,7 +192,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _remark(solution: lg.Solution) -> str:
-    """Return a line on a run that did not reach its end, else an empty text."""
+    """Return a line on a run that did not reach its end, or an empty text."""
     return "" if code_of(solution) == DONE else f"{solution.message}\n"
 
 

@@ -25,7 +25,7 @@ MOST_VALUES = 4096
 
 @dataclass(frozen=True)
 class Axis:
-    """An entry of the state, by name and row, with its range and the number of values, `count`, in it."""
+    """One axis of a picture: an entry of the state by name and row, and `count` values from `low` to `high`."""
 
     name: str
     row: int
@@ -49,7 +49,7 @@ Plane = tuple[Axis, Axis]
 
 
 def row_of(statement: Statement, key: Any, what: str) -> int:
-    """Return the row of the state for a coordinate, a velocity or a name; `what` names the argument in an error."""
+    """Return the row of the state for `key`, a coordinate, velocity or name; `what` names the argument in errors."""
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
         return rows[key]
@@ -62,7 +62,10 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
 
 
 def plane_of(statement: Statement, given: Any, what: str, count: int) -> Plane:
-    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first is horizontal."""
+    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first is horizontal.
+
+    `count` is the default number of values, and `what` names the argument in errors.
+    """
     if not isinstance(given, Mapping):
         raise StatementError(f"{what} is {shown(given)}: give {_example(statement)}.")
     if len(given) != 2:
@@ -90,7 +93,7 @@ def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) ->
 def range_of(span: Any, what: str, count: int) -> tuple[float, float, int]:
     """Return (low, high, count) from a pair or a triple `span`; `count` is the default.
 
-    Raises StatementError, with the name `what`, for an empty range.
+    Raises StatementError for an empty range; the message calls the argument `what`.
     """
     size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
     if size not in (2, 3):
@@ -118,8 +121,8 @@ TURN = 2.0 * math.pi
 def angles(statement: Statement) -> tuple[bool, ...]:
     """Return for each coordinate True if it is an angle: a change by 2 pi leaves the Lagrangian and forces unchanged.
 
-    An angle also occurs in a sine, cosine or tangent there or in a position. So a coordinate on which nothing depends,
-    such as that of a free particle, is not an angle.
+    An angle must also occur in a sine, cosine or tangent of the Lagrangian, a force or a position. So a coordinate on
+    which nothing depends, such as that of a free particle, is not an angle.
     """
     form = PlainForm(statement)
     parts = [form.lagrangian, *form.forces, *(form.read(constraint.expression) for constraint in statement.constraints)]
@@ -134,18 +137,24 @@ def _is_periodic(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> b
 
 
 def is_angle(statement: Statement, row: int) -> bool:
-    """Return True if the entry of the state in a row is an angle; False for velocities."""
+    """Return True if row `row` of the state is a coordinate that is an angle; False for velocities."""
     return row < len(statement.names) and angles(statement)[row]
 
 
 def wrapped(values: FloatArray, low: float) -> FloatArray:
-    """Return angles shifted by multiples of 2 pi into the turn that begins at `low`; not finite values become NaN."""
+    """Return angles shifted by multiples of 2 pi to between `low` and `low` + 2 pi.
+
+    Values that are not finite become NaN.
+    """
     with np.errstate(invalid="ignore"):
         return np.asarray(low + (values - low) % TURN)
 
 
 def difference(a: FloatArray, b: FloatArray, periodic: tuple[bool, ...]) -> FloatArray:
-    """Return a - b of states (..., 2n), reduced to the nearest turn for angles."""
+    """Return the difference a - b of states (..., 2n); for angles it is at most half a turn.
+
+    `periodic` has True for each coordinate that is an angle.
+    """
     result = a - b
     for i, whole in enumerate(periodic):
         if whole:

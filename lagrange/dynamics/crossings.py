@@ -33,12 +33,12 @@ class Crossings:
 
     @classmethod
     def interrupted(cls, dimension: int) -> Crossings:
-        """Return the empty crossings of an orbit that did not begin before Ctrl-C."""
+        """Return an empty record, for an orbit that did not begin before Ctrl-C; states have `dimension` entries."""
         return cls(np.empty(0), np.empty((0, dimension)), Status.INTERRUPTED, "was interrupted.")
 
 
 class Crosser:
-    """Follows orbits to a number of crossings of one section; the event is prepared once."""
+    """Follows orbits to a fixed number of crossings of one section. The event is prepared once for all orbits."""
 
     def __init__(
         self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
@@ -51,7 +51,7 @@ class Crosser:
         self.wait = LONGEST_WAIT * self.scale if longest is None else longest
 
     def __call__(self, start: FloatArray, begin: float = 0.0) -> Crossings:
-        """Return the crossings of the orbit from a state (2n,)."""
+        """Return the crossings of the orbit that starts from the state `start` (2n,) at the time `begin`."""
         return self._at_times(start, begin) if self.period is not None else self._at_events(start, begin)
 
     def _at_times(self, start: FloatArray, begin: float) -> Crossings:
@@ -80,7 +80,10 @@ class Crosser:
         return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
 
     def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
-        """Return the status of an orbit at its end, and a message."""
+        """Return the status and the message of an orbit whose last run is `run`.
+
+        `left` is the number of missing crossings, and `since` the time of the last one.
+        """
         if left == 0:
             return Status.EVENT, "all crossings are there."
         if run.status.complete:
@@ -92,7 +95,10 @@ class Crosser:
 
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
-    """Return the crossings of orbits from states (m, 2n); after Ctrl-C the last one is INTERRUPTED."""
+    """Return the crossings of orbits that start from states (m, 2n), one record for each orbit.
+
+    After Ctrl-C the last record is INTERRUPTED. `progress` is called with the number of finished orbits.
+    """
     finished: list[Crossings] = []
     try:
         for start in states:

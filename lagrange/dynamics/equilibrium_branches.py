@@ -32,9 +32,9 @@ SAME_EQUILIBRIUM = 1e-6
 class EquilibriumBranch:
     """An equilibrium along a parameter: `coordinates` (k, n) and `eigenvalues` (k, 2n), NaN where it does not exist.
 
-    `values` (k,) are those of the parameter, with additional ones where a formula begins or ceases to hold. `formula`
-    has the coordinates as expressions; it is empty if they were found numerically. `stable` (k,) is 1 where no
-    eigenvalue has a positive real part, which is necessary for stability, 0 where one has, and NaN elsewhere.
+    `values` (k,) are the values of the parameter, with additional values where a formula begins or ceases to hold.
+    `formula` has the coordinates as expressions; it is empty if they were found numerically. `stable` (k,) is 1 where
+    no eigenvalue has a positive real part, which is necessary for stability. It is 0 where one has, and NaN elsewhere.
     """
 
     values: FloatArray
@@ -117,7 +117,11 @@ def _add(
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> None:
-    """Follow an equilibrium in both directions from a value, unless it already belongs to a branch."""
+    """Follow the equilibrium `place` along a parameter, and append the branch to `made` unless it is already there.
+
+    `along` has the name of the parameter, its values, and the index of the value at which the equilibrium was found. It
+    is followed from there in both directions. `turns` has True for each coordinate that is an angle.
+    """
     statement, (parameter, values, anchor) = model.statement, along
     n = len(statement.coordinates)
     if place.exact:
@@ -149,7 +153,8 @@ def _add(
 def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
     """Return the values of a parameter, with more values where a formula begins or ceases to be real.
 
-    A branch may begin with an infinite slope, as a square root does. So distances from that value grow as squares.
+    A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from
+    that end grow as squares.
     """
     constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     chosen = next(p for p in statement.parameters if p.name == parameter)
@@ -174,7 +179,7 @@ def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values:
 
 
 def _axis(statement: Statement, made: Sequence[EquilibriumBranch]) -> str:
-    """Return the coordinate in which the branches differ most."""
+    """Return the name of the coordinate in which the branches `made` differ most."""
     if not made:
         return statement.names[0]
     whole = np.concatenate([branch.coordinates for branch in made])

@@ -34,9 +34,10 @@ SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre",
 class FixedPoint:
     """An equilibrium: the state (2n,), its kind, and eigenvalues (2,) with their vectors, the columns of (2, 2).
 
-    Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node" and "degenerate",
-    with an eigenvalue zero, where the linear equations do not decide. A "linear centre" has imaginary eigenvalues in a
-    system that does not conserve its energy: terms of higher order decide.
+    Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node", "linear centre"
+    and "degenerate". A degenerate equilibrium has an eigenvalue zero, and the linear equations do not decide its
+    stability. A "linear centre" has imaginary eigenvalues in a system that does not conserve its energy: terms of
+    higher order decide.
     """
 
     state: FloatArray
@@ -71,7 +72,10 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the record of an equilibrium of a system with one coordinate; a slope up to `flat` counts as zero."""
+    """Return the equilibrium at `state` (2n,) of a system with one coordinate, with its kind and eigenvalues.
+
+    Its kind is "degenerate" if the derivative of the acceleration by the coordinate is at most `flat` in size.
+    """
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all():
         nothing = np.full(2, np.nan)
@@ -82,7 +86,7 @@ def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: f
 
 
 def kind_of(values: FloatArray, *, conservative: bool) -> str:
-    """Return the kind of an equilibrium from its two eigenvalues."""
+    """Return the kind of an equilibrium from its two eigenvalues; `conservative` is true if energy is conserved."""
     size = float(np.abs(values).max())
     if size == 0.0 or not np.abs(values).min():
         return DEGENERATE
@@ -97,7 +101,7 @@ def kind_of(values: FloatArray, *, conservative: bool) -> str:
 
 
 def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the acceleration at rest at places (k,), NaN where it has no value."""
+    """Return the accelerations (k,) at the coordinates x (k,) with velocity zero, NaN where they have no value."""
     try:
         return np.asarray(model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, parameters)[0])
     except RunError:
@@ -105,7 +109,10 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
-    """Return the places where the acceleration changes its sign, bisected to neighbouring doubles."""
+    """Return the coordinates where the acceleration changes its sign, to neighbouring doubles, by bisection.
+
+    `a` (k,) are the accelerations at the increasing coordinates x (k,).
+    """
     exact = x[a == 0.0].tolist()
     at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0
@@ -121,7 +128,11 @@ def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArra
 
 
 def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
-    """Return the places where the acceleration touches zero without a change of sign: minima, by golden sections."""
+    """Return the coordinates where the acceleration touches zero without a change of sign.
+
+    `a` (k,) are the accelerations at the coordinates x (k,), and `largest` is the scale of forces that count as zero. A
+    search narrows the interval around each minimum of abs(a).
+    """
     size, sign = np.abs(a), np.sign(a)
     inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1
     minima = []

@@ -20,9 +20,10 @@ from lagrange.statement.statement import Statement
 class ModeShapes:
     """Shapes of m modes about an equilibrium, each scaled so that its largest component is 1.
 
-    `components` (m, n) are changes of all coordinates, in the order of `names`. `frequencies` and `decay` (m,) are
-    those of the modes, a frequency complex where the mode does not oscillate. `points` has each named position (2,) or
-    (3,) at the equilibrium, and `displacements` its changes (m, 2) or (m, 3) for the components.
+    `components` (m, n) are changes of all coordinates, in the order of `names`. `frequencies` (m,) are complex for
+    modes that do not oscillate, and `decay` (m,) are the decay rates of the modes. `points` has each named position
+    (2,) or (3,) at the equilibrium. `displacements` has the changes of each position, (m, 2) or (m, 3), for the
+    components.
     """
 
     statement: Statement
@@ -72,13 +73,13 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
 
 
 def _real(row: FloatArray) -> FloatArray:
-    """Return a shape with its phase chosen so that the largest component is real, scaled to 1."""
+    """Return the real part of a complex shape (n,), after division by its largest component."""
     largest = row[int(np.argmax(np.abs(row)))]
     return np.asarray((row / largest).real) if largest else row.real
 
 
 def _place(modes: Modes, statement: Statement, known: Mapping[sympy.Symbol, sympy.Rational]) -> list[sympy.Expr]:
-    """Return the coordinates of the equilibrium, as numbers."""
+    """Return the coordinates of the equilibrium, as numbers; `known` has the values of the parameters."""
     at = modes.linearization.at
     entries = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]
     return [sympy.Float(number(sympy.Integer(0) + x, known).real, 17) for x in entries]

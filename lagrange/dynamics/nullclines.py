@@ -21,7 +21,7 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
     """Return the lines (k, 2) on which a function vanishes, on the grid of equally spaced x (k,) and y (m,).
 
     The last point of a closed line is its first. Every vertex is a zero of the function to rounding, on an edge of the
-    grid. Cells with a value that is not finite are left out, and so are changes of sign across a pole.
+    grid. Cells with a value that is not finite are left out. Changes of sign across a pole are left out, too.
     """
     from contourpy import contour_generator  # installed with Matplotlib
 
@@ -39,7 +39,10 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the vertices of a contour (k, 2) bisected on their edges, and whether each is a zero, and not a pole."""
+    """Return the vertices of a contour, bisected on the edges of the grid, and a flag each: False for a pole.
+
+    Vertices are (k, 2), flags (k,). `line` (k, 2) is the contour on the grid x, y.
+    """
     grid_positions = (line - [x[0], y[0]]) / [x[1] - x[0], y[1] - y[0]]
     nearest = grid_positions.round()
     off = np.abs(grid_positions - nearest)

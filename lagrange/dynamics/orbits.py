@@ -45,7 +45,7 @@ ARRIVED = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class PlaneWindow:
-    """A rectangle in the plane of two entries of the state; `periodic` says which coordinates are angles."""
+    """A rectangle in the plane of two entries of the state; `periodic` has True for coordinates that are angles."""
 
     plane: Plane
     periodic: tuple[bool, ...]
@@ -53,7 +53,7 @@ class PlaneWindow:
     """Longest time for which an orbit is followed, in each direction of time."""
 
     def wraps(self, axis: Axis) -> bool:
-        """Return whether an axis is an angle."""
+        """Return True if the entry on an axis is an angle."""
         return axis.row < len(self.periodic) and self.periodic[axis.row]
 
     @property
@@ -67,7 +67,7 @@ class PlaneWindow:
         return np.array([axis.width for axis in self.plane])
 
     def exits(self, runs: Runs) -> list[Event]:
-        """Return the terminal events of leaving the window. An axis with an angle has none, because the angle wraps."""
+        """Return terminal events that end a run where it leaves the window. An axis with an angle has no event."""
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
         axes = [axis for axis in self.plane if not self.wraps(axis)]
@@ -86,7 +86,7 @@ class PlaneWindow:
         return all(axis.low <= state[axis.row] <= axis.high or self.wraps(axis) for axis in self.plane)
 
     def distance(self, states: States, place: FloatArray) -> FloatArray:
-        """Return the distances of states (k, 2n) from a point (2n,) in the plane, as fractions of the window, (k,)."""
+        """Return the distances (k,) in the plane of states (k, 2n) from a point (2n,), as fractions of the window."""
         rows = list(self.rows)
         return np.asarray(np.linalg.norm(difference(states, place, self.periodic)[:, rows] / self.widths, axis=1))
 
@@ -95,7 +95,8 @@ class PlaneWindow:
 class Orbit:
     """A run through the plane: increasing times (k,), states (k, 2n), and how the run ended.
 
-    `at(times)` gives states (j, 2n) in between. `closed` is true if it returned to its start. Angles are not wrapped.
+    `at(times)` gives states (j, 2n) in between. `closed` is true if the orbit returned to its start. Angles are not
+    wrapped.
     """
 
     t: FloatArray
@@ -125,7 +126,10 @@ class Orbit:
 def orbit(
     runs: Runs, window: PlaneWindow, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
 ) -> Orbit:
-    """Return the orbit through a state, followed forwards and, unless it closes, backwards too."""
+    """Return the orbit through the state `start` at the time `begin`, followed forwards until an event of `exits`.
+
+    With `both_ways` it is also followed backwards, unless it closes.
+    """
     forwards = runs(start, begin, begin + window.reach, events=exits)
     forwards, closed = _closed(window, forwards) if both_ways else (forwards, False)
     if closed or not both_ways or forwards.status is Status.INTERRUPTED:
@@ -135,7 +139,7 @@ def orbit(
 
 
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
-    """Return the orbit of runs that follow one another in time; the last run contains its beginning."""
+    """Return the orbit that joins runs, ordered in time. Its status is that of an incomplete run, else of the last."""
     ordered = [_rising(part) for part in parts]
     t = np.concatenate([ordered[0][0], *(times[1:] for times, _ in ordered[1:])])
     states = np.concatenate([ordered[0][1], *(rows[1:] for _, rows in ordered[1:])])
@@ -144,13 +148,13 @@ def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
 
 
 def _rising(run: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return times and states of the steps of a run and of its end, in increasing time."""
+    """Return the times and the states of the steps of a run, in increasing time."""
     t, states = run.t, run.y.T
     return (t, states) if run.span[1] >= run.span[0] else (t[::-1], states[::-1])
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) in the direction of a run, `per_step` in each step, and the states there, (k, 2n)."""
+    """Return times of a run, (k,), in its direction, `per_step` in each step, and the states there, (k, 2n)."""
     if len(run.t) < 2:
         return run.t, run.y.T
     times = divided(run.t, per_step)
@@ -167,7 +171,7 @@ def cut(run: Trajectory, end: float) -> Trajectory:
 
 
 def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
-    """Return a run up to its first return to its start, and whether there is such a return."""
+    """Return a run, cut at its first return to its start, and True; without a return the whole run and False."""
     times, states = sampled(run)
     if len(times) < 3:
         return run, False
@@ -175,7 +179,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(given: FloatArray) -> FloatArray:
-        """Return the signed distance of states from the start of the orbit, along its first piece."""
+        """Return the displacements of states from the start, projected on the direction of the first sampled piece."""
         moved = difference(given, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 
@@ -227,8 +231,9 @@ FIRST_DISTANCE, LEAST_DISTANCE = 1e-2, 1e-7
 class Separatrix:
     """A branch of the stable or the unstable manifold of a saddle: an orbit that begins, or ends, close to it.
 
-    `saddle` is the number of the saddle among the fixed points. `stable` is true if the motion approaches the saddle
-    with increasing time. `distance` is that of its first point from the saddle, in the units of the state.
+    `saddle` is the index of the saddle among the fixed points. `stable` is true if the motion approaches the saddle
+    with increasing time. `distance` is the distance between the saddle and the nearest end of the orbit, in units of
+    the state.
     """
 
     saddle: int
@@ -240,7 +245,10 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, places: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches through a saddle: two along each eigenvector."""
+    """Return the four branches through the saddle `places[number]`: two along each eigenvector.
+
+    The list is empty if the equilibrium is not a saddle or is outside of the window.
+    """
     saddle = places[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []
@@ -261,7 +269,11 @@ def separatrices_of(
 
 
 def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: PlaneWindow) -> float:
-    """Return the distance from a saddle, as a part of the window, at which a motion on an eigenvector may begin."""
+    """Return the multiple of the eigenvector `vector` at which a run from a saddle may begin.
+
+    At this distance the linear equations have an error of at most `LINEAR_ERROR` of the window, or the distance is the
+    shortest that is tried. `column` is the index of the eigenvector.
+    """
     rates, inverse = saddle.eigenvalues.real, np.linalg.inv(saddle.eigenvectors.real)
     part = FIRST_DISTANCE
     while part > LEAST_DISTANCE:

@@ -54,10 +54,15 @@ MOST_RESTS = 16
 class PortraitData:
     """The parts of a phase portrait; states have 2n entries, coordinates and then velocities.
 
-    `x` (k,) and `y` (m,) are the places of the field's arrows, `u` and `v` (m, k) the rates of the entries on the axes
-    there. `nullclines` are lines (j, 2), by the name of an entry, on which the rate of that entry is zero. `equilibria`
-    have a state and a kind, `separatrices` an orbit each, and `orbits` pass through `starts` (s, 2n). `turns` is true
-    if the horizontal axis is an angle. `held` are the fixed values of the entries that are not on the axes.
+    - `x` (k,) and `y` (m,) are the coordinates of the grid of arrows on the horizontal and the vertical axis.
+    - `u` and `v` (m, k) are the time derivatives of the entry on the horizontal and on the vertical axis at the arrows.
+    - `nullclines` maps the name of an entry to the lines (j, 2) on which its time derivative is zero.
+    - `equilibria` have a state and a kind each.
+    - `separatrices` have an orbit each.
+    - `orbits` are the orbits through the states `starts` (s, 2n).
+    - `turns` is true if the entry on the horizontal axis is an angle.
+    - `held` maps the names of the entries that are not on the axes to their fixed values.
+    - `time` is the time at which the field is evaluated, None if the system does not depend on time.
     """
 
     statement: Statement
@@ -79,7 +84,7 @@ class PortraitData:
 
 
 class _Portrait:
-    """Methods that compute the parts of a portrait."""
+    """Computes the parts of a phase portrait on one plane; `base` (2n,) has the values of the entries off the axes."""
 
     def __init__(self, runs: Runs, plane: Plane, base: FloatArray, time: float, reach: float | None) -> None:
         model = runs.model
@@ -93,13 +98,13 @@ class _Portrait:
         self.window = PlaneWindow(plane, self.periodic, periods * scale if reach is None else reach)
 
     def state(self, x: float, y: float) -> FloatArray:
-        """Return the state of a point on the plane."""
+        """Return the state (2n,) at the point (x, y) of the plane."""
         state = self.base.copy()
         state[self.plane[0].row], state[self.plane[1].row] = x, y
         return state
 
     def rates(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the rates of the entries on the axes at places (k,) and (k,), (2, k)."""
+        """Return the time derivatives of the two entries on the axes, (2, k), at points x (k,), y (k,) of the plane."""
         states = np.repeat(self.base[:, None], len(x), axis=1)
         states[self.plane[0].row], states[self.plane[1].row] = x, y
         try:
@@ -116,19 +121,22 @@ class _Portrait:
             return np.full(len(state), np.nan)
 
     def _slopes(self, states: FloatArray) -> FloatArray:
-        """Return dy/dt at states, (2n, k). Velocities of coordinates without inertia follow from the others."""
+        """Return dy/dt (2n, k) at states (2n, k). Velocities of coordinates without inertia are computed first."""
         followed = with_rates(self.runs.model, self.time, states, self.runs.parameters)
         return self.runs.model.rhs(self.time, followed, self.runs.parameters)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the places x (k,) and y (m,) of the arrows, and their rates u and v (m, k)."""
+        """Return the grid of arrows, x (k,) and y (m,), and the time derivatives of the two entries, (m, k) each."""
         x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
         columns, rows = np.meshgrid(x, y)
         u, v = self.rates(columns.ravel(), rows.ravel())
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the nullclines of both rates, on a grid half a cell beyond the window: they may lie on its border."""
+        """Return the nullclines of the two entries on the axes, by name.
+
+        The grid extends half a cell beyond the window, so that nullclines on its border are found.
+        """
         x, y = (_beyond(axis) for axis in self.plane)
         first, second = self.plane
         return {
@@ -137,7 +145,7 @@ class _Portrait:
         }
 
     def distinct(self, places: Sequence[FixedPoint]) -> list[int]:
-        """Return the numbers of the equilibria, without copies after a full turn, such as pi and -pi."""
+        """Return the indices of the equilibria, without copies after a full turn, such as pi and -pi."""
         numbers: list[int] = []
         for k, equilibrium in enumerate(places):
             others = np.array([places[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
@@ -172,8 +180,9 @@ def portrait(
 ) -> PortraitData:
     """Return the phase portrait of the model of `runs` on the plane `window`.
 
-    `at` fixes the other entries of the state, `starts` are the initial states of orbits or None, `time` is that of the
-    field, and `reach` the longest time of an orbit. `lagrange.phase_portrait` describes the arguments.
+    `at` fixes the other entries of the state, and `starts` are the initial states of orbits or None. `time` is the time
+    at which the field is evaluated, and `reach` the longest time of an orbit. `lagrange.phase_portrait` describes the
+    arguments.
     """
     statement = runs.model.statement
     if statement.constraints:
@@ -246,7 +255,10 @@ def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Rep
 def _unvisited(
     work: _Portrait, branches: Sequence[Separatrix], orbits: Sequence[Orbit], progress: Report | None
 ) -> Iterator[FloatArray]:
-    """Yield the middles of cells that no orbit has crossed, nor their neighbours; report the number of tested cells."""
+    """Yield the middle of each cell that no orbit has crossed, if no orbit has crossed a neighbouring cell either.
+
+    The caller appends the orbit through it to `orbits`. `progress` is called with the number of visited cells.
+    """
     visited = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
     most = MOST_ORBITS if work.alone else MOST_PROJECTED
     for branch in branches:
@@ -264,7 +276,7 @@ def _unvisited(
 
 
 def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
-    """Mark the cells that an orbit crosses, and their neighbours, as taken."""
+    """Mark the cells that the orbit `passed` crosses, and the neighbours of these cells, in the table `taken`."""
     for part in passed.parts:
         rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
         for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -274,7 +286,7 @@ def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the rows and columns of the cells of states (k, 2n), from 1 on.
 
-    States outside belong to a border one cell wide.
+    States outside of the window belong to a border one cell wide.
     """
     indices = []
     for axis in reversed(work.plane):
@@ -289,7 +301,10 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ended(
     work: _Portrait, orbits: Sequence[Orbit], wanted: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and a message with the number of `wanted` orbits that were finished."""
+    """Return the status of a portrait, and a message on orbits that ended early; `note` is appended to the message.
+
+    `wanted` is the number of orbits that were begun.
+    """
     statement = work.runs.model.statement
     interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
@@ -312,7 +327,10 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the rows of the state that are fixed on a plane, with their values."""
+    """Return the values in `at` of the entries that are not on the axes, by row of the state.
+
+    Raises StatementError unless exactly two other entries are left for the axes.
+    """
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
@@ -348,12 +366,12 @@ def _following(model: Model) -> list[int]:
 
 
 def _free(model: Model, held: Collection[int]) -> list[int]:
-    """Return the rows of the state that are neither held nor follow from others."""
+    """Return the rows of the state that are neither in `held` nor follow from other entries."""
     return [row for row in range(model.layout.size) if row not in held and row not in _following(model)]
 
 
 def _too_many(model: Model, left: int) -> str:
-    """Return the error for a plane that leaves entries of the state without a value."""
+    """Return the error message for a plane with a wrong number, `left`, of entries without a fixed value."""
     statement = model.statement
     names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)

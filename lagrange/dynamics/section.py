@@ -40,9 +40,9 @@ ENERGY_ERROR = 1e-10
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return a function of states (2n, k), positive where some velocity of the row gives the energy, (k,).
+    """Return the discriminant b^2 - 4 a (c - energy) at states (2n, k), (k,): positive where `energy` can be reached.
 
-    For an energy a v^2 + b v + c it is the discriminant b^2 - 4 a (c - energy).
+    The energy is a v^2 + b v + c as a function of the velocity v in row `row` of the state.
     """
     a, b, c = _quadratic(model, parameters, states, row)
     return np.asarray(b * b - 4 * a * (c - energy))
@@ -51,7 +51,10 @@ def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, e
 def _quadratic(
     model: Model, parameters: FloatArray, states: FloatArray, row: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a, b and c of the energy a v^2 + b v + c at states (2n, k), NaN where the energy has no value."""
+    """Return a, b and c at states (2n, k), (k,) each; NaN where the energy has no value.
+
+    The energy is a v^2 + b v + c as a function of the velocity v in row `row` of the state.
+    """
     middle = _energy(model, parameters, states, row, 0.0)
     a = b = np.full_like(middle, np.nan)
     for probe in PROBES:
@@ -73,9 +76,9 @@ def _energy(model: Model, parameters: FloatArray, states: FloatArray, row: int, 
 def on_level(
     model: Model, parameters: FloatArray, starts: FloatArray, row: int, energy: float, event: Event | None
 ) -> FloatArray:
-    """Return starts (m, 2n) in which the velocity of a row is replaced, so that all have the energy.
+    """Return the starts (m, 2n) with another velocity in row `row`, so that each has the energy `energy`.
 
-    Of the two solutions it is the one that crosses the event in its direction, else the larger one. Raises
+    Of the two possible velocities it is the one that crosses the event in its direction, else the larger one. Raises
     StatementError for a start whose other entries already have more energy.
     """
     states = np.ascontiguousarray(starts.T)
@@ -152,11 +155,13 @@ open border is left out."""
 class SectionData:
     """The points of a section, for each of m starts: `times` (k,) and `states` (k, 2n), k crossings.
 
-    `starts` (m, 2n) are the states at which orbits began, `statuses` and `messages` how each ended: EVENT with all of
-    its crossings, SUCCESS with fewer. `event` is that of the section, None for states at times `period` apart. `energy`
-    is that of the starts if it was given. `border` are the closed lines (j, 2) around the states of that energy, in the
-    plane of `axes`, the entries to draw. `drift` is the largest change of the energy, relative to its size, for a
-    system that conserves it.
+    - `starts` (m, 2n) are the states at which orbits began.
+    - `statuses` and `messages` say how each orbit ended: EVENT with all of its crossings, SUCCESS with fewer.
+    - `event` defines the section; it is None for states at times `period` apart.
+    - `energy` is the energy of all starts, or None if it was not prescribed.
+    - `border` are the closed lines (j, 2) around the states of that energy, in the plane of `axes`.
+    - `axes` are the names of the two entries to draw.
+    - `drift` is the largest change of the energy, relative to its size, for a system that conserves it.
     """
 
     statement: Statement
@@ -181,7 +186,10 @@ class SectionData:
 
 
 def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return the event of a section, or a sampling period: a number, or an expression in parameters."""
+    """Return the event of a section, or a sampling period: `given` is a number or an expression in parameters.
+
+    Any other expression, or a function, becomes the event of its zeros.
+    """
     if isinstance(given, Event):
         return declare_events([given], model.statement, constant="a section")[0]
     constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
@@ -207,7 +215,10 @@ def section(
     longest: Any = None,
     progress: Report | None = None,
 ) -> SectionData:
-    """Return the Poincare section of a model's orbits; `lagrange.poincare` describes the arguments."""
+    """Return the Poincare section of a model's orbits. `given` is the section, as an event or a period.
+
+    `lagrange.poincare` describes the other arguments.
+    """
     model = runs.model
     count, dropped = point_counts(crossings, skip, "crossings", 1)
     wait = None if longest is None else _positive(longest)
@@ -241,7 +252,10 @@ def section(
 
 
 def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, int]:
-    """Return the number of points of an orbit that are kept, and of those before them that are skipped."""
+    """Return the checked number of points to keep on each orbit, and the number of points to skip before them.
+
+    `name` names the first argument in errors, and `least` is its smallest allowed value.
+    """
     return whole_number(points, name, least, MOST_SECTION_POINTS), whole_number(skip, "skip", 0, MOST_SECTION_POINTS)
 
 
@@ -267,7 +281,7 @@ def _without_first(found: Crossings, dropped: int) -> Crossings:
 
 
 def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int | None]:
-    """Return the energy of the starts, and the row of the velocity that follows from it."""
+    """Return the energy of the starts and the row of the velocity that follows from it, or (None, None) without one."""
     if energy is None and solve_for is None:
         return None, None
     if energy is None or solve_for is None:
@@ -327,7 +341,10 @@ def _border(
 
 
 def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float | None:
-    """Return the largest change of the energy from start to crossing, relative to the largest energy, or None."""
+    """Return the largest change of the energy from start to crossing, relative to the largest energy.
+
+    It is None for a system that does not conserve its energy.
+    """
     model = runs.model
     if not model.conservative or not done:
         return None
@@ -341,7 +358,7 @@ def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float |
 
 
 def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
-    """Return the status of a section, and a message."""
+    """Return the status of a section and a message; `wanted` is the number of orbits that were to be followed."""
     total = sum(len(orbit.times) for orbit in done)
     noun = "point" if event is None else "crossing"
     if len(done) < wanted or any(orbit.status is Status.INTERRUPTED for orbit in done):

@@ -36,11 +36,11 @@ class SweepData:
     """Points of a bifurcation diagram: k values of a parameter, m orbits at each value, s points on each orbit.
 
     - `values` (k,) are the values of the parameter.
-    - `states` (k, m, s, 2n) are the last s states of each orbit on the section; missing ones are NaN.
+    - `states` (k, m, s, 2n) are the last s states of each orbit on the section; missing states are NaN.
     - `cycles` (k, m) is the period of each orbit: the least number of points after which all points repeat. It is 0 if
       they do not repeat within s/2 points.
     - `statuses` has for each value how each orbit ended.
-    - `event` defines the section. Without one, points are taken once in a period of the driving, `periods` (k,).
+    - `event` defines the section. Without an event, points are taken once in a period of the driving, `periods` (k,).
     - `followed` is true if each orbit began where the orbit at the previous value ended.
     """
 
@@ -59,7 +59,7 @@ class SweepData:
 
 
 def parameter_of(statement: Statement, given: Any) -> str:
-    """Return the name of a parameter. Raises StatementError for anything else."""
+    """Return the name of a parameter, given by symbol or name. Raises StatementError for anything else."""
     known = [p.name for p in statement.parameters]
     label = label_of(given)
     if label in known:
@@ -108,7 +108,11 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion at each value of a parameter; `lagrange.bifurcation` describes the arguments."""
+    """Return the settled motion at each value of a parameter, on the section `given`.
+
+    `count` points of each orbit are kept, after `dropped` points that are not. `lagrange.bifurcation` describes the
+    other arguments.
+    """
     model, statement = runs.model, runs.model.statement
     index = [p.name for p in statement.parameters].index(parameter)
     base = starts_of(model, starts, initial_of(model, None))
@@ -154,7 +158,7 @@ def sweep(
 
 
 def with_value(runs: Runs, place: int, value: float) -> FloatArray:
-    """Return the parameters with another value for one of them. Raises StatementError for an invalid value."""
+    """Return the parameters (k,) with `value` at index `place`. Raises StatementError for an invalid value."""
     array = runs.parameters.copy()
     array[place] = value
     return runs.model.parameter_array(array)
@@ -168,7 +172,10 @@ def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
 
 
 def _next(found: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
-    """Return the time and the state from which an orbit continues, at the next value of the parameter."""
+    """Return the time and the state at which an orbit begins for the next value of the parameter.
+
+    They are the last crossing in `found`, or 0 and `start` if the orbit failed or has no crossing.
+    """
     if not found.status.complete or not len(found.states):
         return 0.0, start
     # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
@@ -179,7 +186,7 @@ def _next(found: Crossings, start: FloatArray, passed: Event | float, statement:
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
     """Return the period (k, m) of each orbit: the least p after which every point repeats, 0 if there is none.
 
-    `scale` is a period of small motions, with which velocities are compared to coordinates.
+    `scale` is a period of small motions, by which velocities are multiplied to compare them with coordinates.
     """
     complete = states[np.isfinite(states).all(axis=-1)]
     if not len(complete):

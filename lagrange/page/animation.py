@@ -40,7 +40,7 @@ STYLES = ("auto", "light", "dark")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Animation:
-    """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points` (2, K) or (3, K) at them.
+    """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points`, (2, K) or (3, K) each.
 
     `notes` report settings that differ from the requested ones; `path` is the file that was written, if any.
     """
@@ -79,7 +79,7 @@ class Animation:
 
     @property
     def speed(self) -> float:
-        """Time of the run per time on the screen."""
+        """Speed of the animation: time of the run per second on the screen."""
         return self.timing.speed
 
     @property
@@ -96,9 +96,9 @@ class Animation:
         return player_page(self.recording, self.film, self.style, self.notes)
 
     def save(self, path: str | os.PathLike[str], *, progress: bool = False) -> Animation:
-        """Write the file of the kind that its suffix states: .html, .gif, .mp4, or .png for the first frame.
+        """Write a file of the kind that its suffix states: .html, .gif, .mp4, or .png for the first frame.
 
-        It is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written
+        The file is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written
         instead of the MP4, under the same name with .html, and a warning reports it. Raises StatementError for a path
         that cannot be written, RunError if the disk is full.
         """
@@ -160,7 +160,7 @@ def animate(
     trail: float | None = None,
     progress: bool = False,
 ) -> Animation:
-    """Return the animation of a run, and write it to `path` unless that is None."""
+    """Return the animation of a run, and write it to `path` unless `path` is None."""
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     options = film_options(size, trail)
     if path is not None:
@@ -189,7 +189,7 @@ def png(pixels: Pixels) -> bytes:
 
 
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
-    """Return the path to write, and a note if it differs from the requested one.
+    """Return the path to write, and notes: one if the path differs from the requested one, else none.
 
     Raises StatementError for an unknown kind of file.
     """

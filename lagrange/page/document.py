@@ -22,7 +22,7 @@ SPACE = 3
 
 
 def legend(statement: Statement) -> str:
-    """Return HTML with the names of the moving points in their colours."""
+    """Return an HTML list of the names of the moving points in their colours; empty for a single point or for many."""
     names = moving_points(statement)
     if not 1 < len(names) <= NAMED_POINTS:
         return ""
@@ -37,7 +37,7 @@ def hint(statement: Statement) -> str:
 
 
 def phase_choices(statement: Statement) -> str:
-    """Return the HTML options of the phase plane, one for each coordinate."""
+    """Return the HTML options for the choice of the coordinate in the phase plane."""
     letter = UnicodeNotation(statement.names).letter
     return "".join(f'<option value="{k}">{escape(letter(name))}</option>' for k, name in enumerate(statement.names))
 
@@ -84,10 +84,11 @@ _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?
 
 
 def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden: str = "", *, trusted: bool) -> str:
-    """Return a page: a template filled with its parts and scripts.
+    """Return a page: the template file `name`, filled with its parts and scripts by the names of their fields.
 
-    Its security policy allows only these scripts, a `hidden` one that they add, and the style in `parts`, by their
-    hashes; it allows no requests. With `trusted` no script can add another one.
+    The security policy of the page allows only `scripts`, the style in `parts`, and `hidden`, a script that the others
+    add later. They are allowed by their hashes, and requests are not allowed. With `trusted` no script can add another
+    one.
     """
     allowed = " ".join(hash_of(script) for script in (*scripts.values(), hidden) if script)
     policy = f"default-src 'none'; script-src {allowed}; style-src {hash_of(parts['style'])}; base-uri 'none'; "
@@ -105,7 +106,7 @@ def template(name: str) -> str:
 
 @cache
 def joined(*names: str) -> str:
-    """Return several scripts of the template as one text."""
+    """Return the script files of the template with these names, as one text."""
     return '"use strict";\n' + "\n".join(template(f"{name}.js") for name in names)
 
 
@@ -115,10 +116,10 @@ def short(text: str) -> str:
 
 
 def in_script(text: str) -> str:
-    """Return a script escaped for a script element.
+    """Return a script, escaped so that it can be the content of a script element.
 
-    Only names and comments of a user can contain a text that ends the element. In a text or a comment JavaScript
-    ignores the backslash that is inserted.
+    Only names and comments of a user can contain a text that ends the element. A backslash is inserted there, which
+    JavaScript ignores in a text or a comment.
     """
     return ENDS.sub("<\\\\", text)
 
@@ -133,7 +134,7 @@ FIELD = re.compile(r"\{\{(\w+)\}\}")
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Return a template with its fields filled; text in a part that has the form of a field stays."""
+    """Return a template with its fields replaced by `parts`. Text in a part that looks like a field is kept."""
     return FIELD.sub(lambda match: parts[match[1]], template)
 
 

@@ -85,7 +85,8 @@ def explore(
 ) -> Any:
     """Return the page of a system with these sliders, or sliders that run in Python if no page can be made.
 
-    `model()` compiles the system, and `run(t_end, initial, parameters=..., ...)` runs it.
+    `model()` compiles the system, and `run(t_end, initial, parameters=..., ...)` runs it. `play` starts the motion at
+    once.
     """
     flag(play, "play")
     look = style_of(style)
@@ -105,7 +106,7 @@ def explore(
 
 
 def _values(sliders: Sequence[Slider], values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the initial values and the parameters that the `values` of the sliders set, as two dicts by name."""
+    """Return the `values` of the sliders as two dicts by name: first initial values, then parameters."""
     initial = {slider.name: values[slider.name] for slider in sliders if slider.kind != PARAMETER}
     return initial, {slider.name: values[slider.name] for slider in sliders if slider.kind == PARAMETER}
 
@@ -119,9 +120,9 @@ def _widgets(
     style: str,
     reason: str,
 ) -> Any:
-    """Return sliders above the player of the run for their values, and a message.
+    """Return sliders above the animation of a run, which runs again for each change of a slider, and a message below.
 
-    Raises StatementError without ipywidgets.
+    `reason` says in an error why there is no page. Raises StatementError without ipywidgets.
     """
     try:
         import ipywidgets

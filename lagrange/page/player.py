@@ -43,7 +43,10 @@ LONG_TRAIL_SECONDS = 10.0
 
 
 def player_page(recording: Recording, film: Film, style: str, notes: Sequence[str]) -> str:
-    """Return the page; `style` is light, dark, or auto, which follows the setting of the browser."""
+    """Return the HTML page of a recording; `film` sets the size of the picture, and `notes` are sentences below it.
+
+    `style` is "light", "dark", or "auto", which follows the setting of the browser.
+    """
     statement = recording.statement
     record = thinned(recording)
     if record.points and len(statement.names) > MOST_COORDINATES:
@@ -100,7 +103,10 @@ def in_frame(page: str, title: str, width: int, height: int) -> str:
 
 
 def _trails(seconds: float) -> str:
-    """Return the options of the trail: none, the requested seconds on the screen, long, and all."""
+    """Return HTML options for the length of the trail: none, short, long and whole.
+
+    The short trail lasts `seconds` on the screen; it is selected unless `seconds` is 0.
+    """
     trails = {"no": 0.0, "short": seconds or 2.5, "long": LONG_TRAIL_SECONDS, "whole": 1e9}
     chosen = "short" if seconds else "no"
     return "".join(
@@ -110,7 +116,10 @@ def _trails(seconds: float) -> str:
 
 
 def _rows(record: Recording) -> list[FloatArray]:
-    """Return the rows of numbers, (S,) each: entries of all points, of the state, E, T and V, and the drift."""
+    """Return rows of numbers, (S,) each: coordinates of all points, entries of the state, energies, and the drift.
+
+    Energies are E, T and V, as far as they are recorded; without energies there is no drift.
+    """
     names = [*record.statement.drawn]
     dimension = max((len(record.points[name]) for name in names), default=0)
     zero = np.zeros(len(record.t))
@@ -125,13 +134,13 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a row, and the step between two levels."""
+    """Return the least value of a row, and the step between two of the whole numbers that store it."""
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 
 
 def packed(rows: Sequence[FloatArray]) -> bytes:
-    """Return rows as whole numbers: second differences of 16 bits, all low bytes before all high bytes."""
+    """Return rows of numbers as bytes: second differences of 16 bits, all low bytes before all high bytes."""
     whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
     for k, row in enumerate(rows):
         base, grain = _scale(row)

@@ -45,7 +45,10 @@ PAGE_STEPS = 5000
 
 @dataclass(frozen=True)
 class MotionSource:
-    """The exported JavaScript module of a system, its parameter values, and the names of the quantities it computes."""
+    """The exported JavaScript module of a system, its parameter values, and the names of its quantities, `contents`.
+
+    `constrained` is true if the module also exports the projection onto the constraints.
+    """
 
     text: str
     parameters: tuple[float, ...]
@@ -54,9 +57,9 @@ class MotionSource:
 
     @property
     def script(self) -> str:
-        """The module, followed by the call that passes its functions to the page.
+        """The text of the module, followed by the call that passes its functions to the page.
 
-        An inline module cannot be imported, so the call is inside it.
+        The call is part of the module, because no other script can import an inline module.
         """
         names = ["prepare", "STATE", "PREPARED", *self.contents]
         if self.constrained:
@@ -65,13 +68,13 @@ class MotionSource:
 
 
 def contents(statement: Statement) -> tuple[str, ...]:
-    """Return the names of the quantities that the module of a system exports."""
+    """Return the names of the quantities that the exported module of a system computes."""
     found = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
     return (*ALWAYS, *(name for name, there in found.items() if there))
 
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
-    """Return the module of a model. Raises NoPage for functions that JavaScript lacks."""
+    """Return the exported JavaScript module of a model. Raises NoPage for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
     module = module_of(model, wanted(target, model, asked, (), parameters), (), parameters)
     missing = missing_operation(target, module)
@@ -97,7 +100,8 @@ ENERGIES = ("E", "T", "V")
 def description(statement: Statement, rate: float, energies: Sequence[str]) -> dict[str, Any]:
     """Return the data of a system for the scripts, as a dict for JSON: names, points, links, units.
 
-    The view of space and the shape of springs are those of figures. `rate` is time of the run per second.
+    The view of space and the shape of springs are the same as in figures. `rate` is the time of the run per second on
+    the screen, and `energies` are the names of the energies to draw.
     """
     return {
         "name": plain_text(statement.name),
@@ -134,11 +138,15 @@ def _letter(letter: str, dots: int) -> str:
 
 
 def _points(statement: Statement) -> dict[str, Any]:
-    """Return the named points, their dimension, and the links as pairs of indices; the origin is the last index.
+    """Return the data of the named points, as a dict for JSON.
 
-    The points of surfaces follow the named points; `drawn` is the number of all. An entry of `surfaces` has the index
-    of its first point and the number of its points. `colours` has a colour index for each point, null if it is fixed.
-    `size` scales the points. `corners` has true for points that are not drawn.
+    - `points` are their names, `dimension` is 2 or 3.
+    - `links` are pairs of indices of points with a kind; the index after the last point is the origin.
+    - `drawn` is the number of all points; the points of surfaces follow the named points.
+    - `surfaces` has for each surface the index of its first point and the number of its points.
+    - `colours` has a colour index for each point, null if the point is fixed.
+    - `size` is a factor for the size of the points.
+    - `corners` has true for each point that is not drawn.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
@@ -168,7 +176,10 @@ def moving_points(statement: Statement) -> list[str]:
 
 
 def rate_of(t_end: float) -> float:
-    """Return the speed in units of time per second: 1, or for very short or long runs `t_end` / `SHOWN`, rounded."""
+    """Return the speed of the page: time of the run per second, with the sign of `t_end`.
+
+    It is 1, or for very short or long runs `t_end` / `SHOWN`, rounded to one digit.
+    """
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
     return math.copysign(shown, t_end)

@@ -30,10 +30,10 @@ EXAMPLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Slider:
-    """A value that a slider changes, with its bounds.
+    """A value that a slider changes, with its bounds `low` and `high`.
 
-    `place` is its index in the parameters, in the initial state, or among the rates of all bodies, three of each.
-
+    `kind` says whether it is a parameter, an entry of the initial state, or a rate of a body. `place` is its index
+    among the parameters, in the initial state, or among the rates about the axes of all bodies, three for each body.
     `chosen` is true if the user chose it by name; `angle` is true if the value is in radians.
     """
 
@@ -49,24 +49,24 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return all values that may have a slider, by name, as (kind, index): parameters, rates, entries of the state."""
+    """Return the (kind, index) of each value that may have a slider, by name: parameters, rates and the state."""
     parameters = {p.name: (PARAMETER, index) for index, p in enumerate(statement.parameters)}
     rates = {name_of(rate): (RATE, index) for index, rate in enumerate(_rates_of(statement))}
     return parameters | rates | {name: (STATE, index) for index, name in enumerate(statement.state_names)}
 
 
 def _rates_of(statement: Statement) -> list[Any]:
-    """Return the rates about the axes of all bodies, three of each."""
+    """Return the symbols of the rates of rotation about the axes of all bodies, three for each body."""
     return [rate for name in statement.rotations for rate in rotation_of(name).body]
 
 
 def quaternion_rows(statement: Statement) -> list[list[int]]:
-    """Return the rows of the quaternion of each body in a state."""
+    """Return for each body the rows of its quaternion in the state."""
     return [[statement.coordinates.index(q) for q in rotation_of(name).quaternion] for name in statement.rotations]
 
 
 def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
-    """Return the rates about the axes of all bodies at a state (2n,)."""
+    """Return the rates of rotation about the axes of all bodies at a state (2n,), three for each body."""
     n, rates = len(statement.coordinates), list[float]()
     for rows in quaternion_rows(statement):
         rates += body_rates([state[row] for row in rows], [state[n + row] for row in rows])
@@ -141,9 +141,9 @@ def sliders(
 ) -> tuple[Slider, ...]:
     """Return a slider for each parameter and each entry of the initial state, those in `asked` first.
 
-    Rates about the axes of bodies are in place of the entries of their quaternions, unless these are asked for.
-    `asked` maps symbols or names to bounds (low, high). Raises StatementError for unknown names, and for bounds that do
-    not contain the present value.
+    `asked` maps symbols or names to bounds (low, high). For a body the sliders change its rates about its axes, not its
+    quaternion, unless `asked` names entries of the quaternion. Raises StatementError for unknown names, and for bounds
+    that do not contain the present value.
     """
     statement = model.statement
     bounds = asked_bounds(statement, asked)
@@ -229,7 +229,7 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
 def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> list[float]:
     """Return the initial accelerations, (n,), which set the bounds of velocities that start at zero.
 
-    They are zero if they cannot be computed: the page itself reports that.
+    They are all zero if the model cannot compute them, because the page itself reports that.
     """
     values = dict(zip(model.statement.parameters, parameters, strict=True))
     try:

@@ -51,16 +51,16 @@ TOO_LONG = "These formulas are too long to be read here: `lagrange derive` print
 
 
 class FoldedFormulas(HtmlPage):
-    """Sections that fold, without inline styles: the security policy of the page forbids those."""
+    """Writes sections that fold. They have no inline styles, which the security policy of the page forbids."""
 
     cell = '<mtd class="{}">{}</mtd>'
 
     def sections(self, found: Iterator[Section]) -> str:
-        """Return the sections below one another."""
+        """Return the sections `found` as HTML, below one another."""
         return "".join(map(self.section, found))
 
     def section(self, section: Section) -> str:
-        """Return a section, or a sentence instead of it if it is too long."""
+        """Return a section as HTML, or a sentence instead of a section that is too long."""
         inside = "" if _is_long(section) else "\n".join(map(self.row, section.rows))
         if not inside or len(inside) > LONGEST_SECTION:
             inside = self.row(TOO_LONG)
@@ -69,7 +69,7 @@ class FoldedFormulas(HtmlPage):
         return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def letter(self, name: str) -> str:
-        """Return the symbol of a coordinate, a velocity such as x_dot as dx/dt, or a parameter."""
+        """Return the symbol of a coordinate, velocity or parameter in MathML; a velocity is written as dx/dt."""
         base = name.removesuffix("_dot")
         rate = name != base and base in self.statement.names
         letter = self.lines.sides.notation.letter(base if rate else name, 0)
@@ -134,7 +134,7 @@ def _slider(place: int, slider: Slider, page: FoldedFormulas, *, units: bool) ->
 
 
 def note(statement: Statement) -> str:
-    """Return a note below the picture if the picture does not show the motion of points."""
+    """Return an HTML note that the picture shows coordinates over time; empty if positions are stated."""
     if statement.positions:
         return ""
     said = "No positions are stated for this system: the picture shows its coordinates over time."
@@ -166,9 +166,10 @@ def page_of(
     play: bool = True,
     style: str = "",
 ) -> str:
-    """Return the page of a model, without formulas if it has no derivation.
+    """Return the page of a model, without formulas if `derivation` is None.
 
-    `t_end` sets the speed and the size of the picture, `style` is light or dark, or empty for that of the browser.
+    `asked` maps symbols or names of sliders to bounds. `t_end` sets the speed and the size of the picture, and `play`
+    starts the motion at once. `style` is "light" or "dark", or empty for that of the browser.
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end

@@ -1,4 +1,4 @@
-"""A model as a function for CasADi, JAX and Numba."""
+"""A quantity of a model as a function for CasADi, JAX and Numba."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from lagrange.statement.expression import flag, one_of
 
 
 def missing(method: str, command: str, error: ImportError) -> StatementError:
-    """Return the error for a missing package; it names the package and the command that installs it."""
+    """Return the error for a missing package. Its message names the package and `command`, which installs it.
+
+    `method` is the method of the model that needs the package.
+    """
     package = command.rsplit(maxsplit=1)[-1]
     return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
 
@@ -32,7 +35,7 @@ def quantity_program(model: Model, quantity: str) -> Program:
 
 
 def entries(model: Model) -> list[str]:
-    """Return a line of plain ASCII text that names each entry of y and of p."""
+    """Return two lines of ASCII text: the names of the entries of the state y, and those of the parameters p."""
     state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 
@@ -42,9 +45,10 @@ SYMBOLS = ("SX", "MX")
 
 
 def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) -> Any:
-    """Return a quantity as a casadi.Function of (t, y, p), made of `symbols` "SX" or "MX".
+    """Return a quantity as a casadi.Function of (t, y, p); `symbols` is "SX" or "MX", the kind of its symbols.
 
-    With `status` its second result is 1 if the mass matrix is singular, else 0. Raises StatementError without CasADi.
+    With `status` there is a second result: 1 if the mass matrix is singular, else 0. Raises StatementError without
+    CasADi.
     """
     program = quantity_program(model, quantity)
     one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
@@ -58,9 +62,10 @@ def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) 
 
 @dataclass(frozen=True, eq=False)
 class JaxFunction:
-    """A quantity as a function of t, y (2n,) and p, for jax.jit, jax.grad and jax.vmap.
+    """A quantity as a function of time t, state y (2n,) and parameters p, for jax.jit, jax.grad and jax.vmap.
 
-    `checked` returns (result, whether a mass matrix is singular), and `source` is the code that defines both.
+    `checked(t, y, p)` returns the quantity, and True if a mass matrix is singular. `source` is the code that defines
+    both functions.
     """
 
     function: Callable[[Any, Any, Any], Any]
@@ -101,12 +106,12 @@ _KEPT: dict[int, Any] = {}
 
 @dataclass(frozen=True, eq=False)
 class NumbaFunction:
-    """A quantity as functions that Numba's compiled functions call; arrays are contiguous and of doubles.
+    """A quantity as functions that Numba's compiled functions can call; arrays are contiguous and of doubles.
 
-    `prepare(p)` takes the parameters (k,). It returns an array `prepared` with everything that depends on parameters
-    alone, and whether a matrix of these is singular. `function(t, y, prepared)` returns a new array, NaN throughout
-    where a mass matrix is singular. `fill(t, y, prepared, out)` writes it to `out`, and returns whether a mass matrix
-    is singular; it allocates nothing.
+    `prepare(p)` takes the parameters (k,). It returns the array `prepared` of all values that depend on parameters
+    alone, and True if a matrix of such values is singular. `function(t, y, prepared)` returns the quantity as a new
+    array, NaN throughout where a mass matrix is singular. `fill(t, y, prepared, out)` writes the quantity to `out` and
+    returns True if a mass matrix is singular. It allocates no memory.
     """
 
     prepare: Callable[[FloatArray], FloatArray]

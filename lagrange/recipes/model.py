@@ -15,10 +15,11 @@ from lagrange.statement.event import declare_events
 class Model(compiled.Model):
     """A system compiled for one machine. Kernels are compiled when they are first used.
 
-    Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
-    (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict, by symbol or name, over the
-    statement's defaults. Every method raises StatementError for wrong shapes, a missing or unknown parameter,
-    and RunError where the mass matrix is singular. The methods as_... return it in the form of other libraries.
+    Coordinates and velocities are arrays (n,), or (n, batch) for many states at once. A state y is [q, v], (2n,) or
+    (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name; the others have the
+    statement's defaults. Every method raises StatementError for wrong shapes and for a missing or unknown parameter,
+    and RunError where the mass matrix is singular. The methods as_... return a quantity or the equations for other
+    libraries.
     """
 
     def as_scipy(self, parameters: Parameters = None, events: Any = None, *, inputs: Any = None) -> ScipyProblem:
@@ -37,28 +38,30 @@ class Model(compiled.Model):
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
         """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
 
-        They call the machine code of this model, and take velocities of coordinates without inertia as they are:
-        `as_scipy().y0(initial)` has those that follow. Raises StatementError without Numba, and on the numpy target.
+        They call the machine code of this model. Velocities of coordinates without inertia are taken from y as they
+        are; `as_scipy().y0(initial)` computes them from the others. Raises StatementError without Numba, and on the
+        numpy target.
         """
         return numba_function(self, quantity)
 
     def as_jax(self, quantity: str = "rhs") -> JaxFunction:
         """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.
 
-        y has shape (2n,), p is `parameter_array()`; its last entries are the inputs. The result is NaN throughout where
-        a mass matrix is singular. `.checked(t, y, p)` returns (result, whether it is singular), and `.source` is the
-        code. Velocities of coordinates without inertia are taken as they are: `as_scipy().y0(initial)` has those that
-        follow. Raises StatementError without JAX, and where JAX computes in single precision.
+        y has shape (2n,), p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
+        where a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
+        `.source` is the code. Velocities of coordinates without inertia are taken from y as they are;
+        `as_scipy().y0(initial)` computes them from the others. Raises StatementError without JAX, and where JAX
+        computes in single precision.
         """
         return jax_function(self, quantity)
 
     def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
         """Return a quantity as a casadi.Function of (t, y, p), made of "SX" or "MX" symbols.
 
-        y has 2n entries, p is `parameter_array()`; its last entries are the inputs. The result is NaN throughout where
-        a mass matrix is singular; with `status` there is a second result, 1 where it is singular and 0 elsewhere.
-        Velocities of coordinates without inertia are taken as they are: `as_scipy().y0(initial)` has those that follow.
-        Raises StatementError without CasADi.
+        y has 2n entries, p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
+        where a mass matrix is singular. With `status` there is a second result, 1 where a mass matrix is singular and 0
+        elsewhere. Velocities of coordinates without inertia are taken from y as they are; `as_scipy().y0(initial)`
+        computes them from the others. Raises StatementError without CasADi.
         """
         return casadi_function(self, quantity, symbols, status=status)
 

@@ -33,7 +33,10 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 
 
 def input_functions(model: Model, given: Any) -> Inputs:
-    """Return the inputs of a model as functions of time. Raises StatementError for one that is missing or unknown."""
+    """Return the inputs of a model as functions of time, from the dict `given`.
+
+    Raises StatementError for an input that is missing or unknown.
+    """
     indices = {symbol.name: index for index, symbol in enumerate(model.statement.parameters)}
     names = [symbol.name for symbol, _ in model.statement.inputs]
     functions: dict[str, Callable[[float], Any]] = {}
@@ -73,7 +76,7 @@ def _check_arity(name: str, function: Callable[..., Any]) -> None:
 
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
-    """Return the parameters with the values of the inputs at a time. Raises StatementError for an invalid value."""
+    """Return the parameters, with the values of the inputs at time t. Raises StatementError for an invalid value."""
     values = parameters.copy() if inputs else parameters
     for index, function in inputs:
         values[index] = real_number(function(t), f"the input at t = {t:g}")
@@ -95,7 +98,7 @@ class ScipyEvent:
         return ScipyEvent, self._made
 
     def __call__(self, t: float, y: Any) -> float:
-        """Return the value whose zeros are the event."""
+        """Return the value of the event function at time t and state y; its zeros are the events."""
         _, _, parameters, inputs = self._made
         time, state = float(t), np.ascontiguousarray(y, dtype=float)
         if inputs:
@@ -105,9 +108,9 @@ class ScipyEvent:
 
 @dataclass(frozen=True, eq=False)
 class ScipyProblem:
-    """The equations of motion of a model with fixed parameters (k,), for scipy.integrate; it pickles.
+    """The equations of motion of a model with fixed parameters (k,), for scipy.integrate. Instances can be pickled.
 
-    `inputs` are functions of time, each with its index among the parameters.
+    `inputs` are pairs of an index among the parameters and a function of time.
     """
 
     model: Model
@@ -144,14 +147,14 @@ class ScipyProblem:
 
     @cached_property
     def events(self) -> list[ScipyEvent]:
-        """Events of the problem, in the order of the argument."""
+        """Event functions of the problem, in the order of the argument `events` of `as_scipy`."""
         return [ScipyEvent(self.model, event, self.parameters, self.inputs) for event in self.stated_events]
 
     def y0(self, initial: Mapping[Any, Any] | None = None, t: float = 0.0) -> FloatArray:
-        """Return an initial state (2n,) at time t: the stated one, with the values of `initial` in place of its own.
+        """Return an initial state (2n,) at time t: the stated state, overlaid with the values in `initial`.
 
-        With constraints it is projected onto them if it misses them by rounding. Raises StatementError if it misses
-        them by more. Velocities of coordinates without inertia are computed if they are zero.
+        With constraints the state is projected onto them if it misses them by rounding. Raises StatementError if it
+        misses them by more. Velocities of coordinates without inertia are computed if they are zero.
         """
         statement, time = self.model.statement, real_number(t, "the time t")
         state = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
@@ -167,7 +170,7 @@ class ScipyProblem:
     ) -> dict[str, Any]:
         """Return the arguments of scipy.integrate.solve_ivp; `options` are those of SciPy, such as rtol and atol.
 
-        The Jacobian is included for methods that use one. Raises StatementError as a run does.
+        The Jacobian is included for methods that need it. Raises StatementError for an invalid span or initial state.
         """
         t0, t1 = time_span(t_span)
         check_span(self.model.statement, t0, t1)

@@ -52,7 +52,7 @@ DOUBLE_DIGITS = 17
 
 @dataclass(frozen=True, eq=False)
 class SympyForm:
-    """A quantity in plain symbols: time `t`, `q` and `v`, named x and x_dot, and the parameters `p`.
+    """A quantity in plain symbols: time `t`, coordinates `q`, velocities `v`, named x and x_dot, and parameters `p`.
 
     `replacements` are pairs (symbol, expression), as from sympy.cse. An expression may contain earlier symbols.
     `results` are the entries of an array of `shape`, in C order.
@@ -80,7 +80,7 @@ class SympyForm:
         return list(self.replacements), list(self.results)
 
     def expanded(self) -> list[Any]:
-        """Return the results without replacements; they may be very long."""
+        """Return the results with all replacements inserted. They may be very long."""
         expressions: dict[Any, Any] = {}
         for symbol, expression in self.replacements:
             expressions[symbol] = expression.xreplace(expressions)
@@ -105,7 +105,7 @@ def _numbered(taken: Sequence[Any]) -> Iterator[Any]:
 
 
 def number(value: float) -> Any:
-    """Return a double as an exact number of SymPy."""
+    """Return a double as the equal SymPy number, without rounding."""
     if not math.isfinite(value):
         return sympy.nan if math.isnan(value) else sympy.oo if value > 0 else -sympy.oo
     exact = Fraction(value)
@@ -134,7 +134,7 @@ class _Writer:
         return [self.values[ref] for ref in self.program.outputs]
 
     def named(self, expression: Any) -> Any:
-        """Return a symbol for an expression, or the expression itself if it is a symbol or a number."""
+        """Return a new symbol that replaces an expression; a symbol or a number is returned as it is."""
         if expression.is_Symbol or expression.is_number:
             return expression
         symbol = next(self.symbols)
@@ -142,7 +142,7 @@ class _Writer:
         return symbol
 
     def value(self, i: int, one: Instruction) -> Any:
-        """Return the expression of an instruction."""
+        """Return the SymPy expression for instruction number `i`, `one`."""
         args = [self.values[arg] for arg in one.args]
         if one.op in self.given:
             return self.given[one.op][one.place]
@@ -160,7 +160,10 @@ class _Writer:
         return self.named(expression) if self.uses[i] > 1 and one.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return L U of a symmetric matrix and the order of its rows; a pivot that is surely zero exchanges rows."""
+        """Return L U of a symmetric matrix (n, n) and the order of its rows; `lower` is its lower triangle by rows.
+
+        A pivot that is zero at every state is avoided by an exchange of rows.
+        """
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
         for j in range(n):
@@ -183,7 +186,7 @@ class _Writer:
         return a, order
 
     def solved(self, factors: tuple[list[list[Any]], list[int]], right: Sequence[Any]) -> list[Any]:
-        """Return the solution of a linear system from its factors and right-hand side."""
+        """Return the solution of a linear system from `factored` and its right-hand side."""
         (a, order), n = factors, len(right)
         x = [right[i] for i in order]
         for i in range(n):
