@@ -1,1 +1,1 @@
-"""Is it right? Compiled quantities against numerical differentiation of the energies as stated."""
+"""Checks of results: compiled quantities against numerical derivatives of stated energies, and reference runs."""

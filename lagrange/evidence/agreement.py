@@ -1,4 +1,4 @@
-"""Test of a formula: compare it with compiled numbers at random states, until enough states had values."""
+"""Comparison of a formula with compiled numbers at random states, until enough states had values."""
 
 from __future__ import annotations
 
@@ -35,20 +35,23 @@ Value = TypeVar("Value")
 def random_points(
     statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
 ) -> Iterator[SamplePoint]:
-    """Yield `draws` random states with times and parameters, of each kind in turn; the same for the same seed."""
+    """Yield `draws` random points: states with times and parameters, of each kind in turn.
+
+    The same `seed` gives the same points.
+    """
     sampler = Sampler(statement, seed)
     return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
 
 
 def usable(places: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
-    """Yield the values of a function at places; places at which it returns None are skipped."""
+    """Yield the values of a function at places; a place where the value is None is skipped."""
     return (result for result in map(value, places) if result is not None)
 
 
 def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
-    """Return True if `judge` is true at `count` places, False after its first False, None if too few have a value.
+    """Return True if `judge` is true at `count` places, and False after its first False.
 
-    `judge` returns None at a place where it has no value.
+    `judge` returns None at a place where it has no value. Returns None if fewer than `count` places have a value.
     """
     count_so_far = 0
     for verdict in islice(usable(places, judge), count):
@@ -63,17 +66,18 @@ Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]
 
 
 def compared(what: str, statement: Statement, values: Values) -> None:
-    """Compare formulas with compiled numbers at random states. Raises RunError, with the name `what`, if they differ.
+    """Compare formulas with compiled numbers at random states; `values(point)` returns both.
 
-    States at which one of them has no value are skipped.
+    Raises RunError if they differ; its message begins with `what`. States at which one of them has no value are
+    skipped.
     """
     holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
 
 
 def agrees(what: str, statement: Statement, point: SamplePoint, values: Values) -> bool | None:
-    """Return True if compiled numbers and formulas agree at a point, None if one has no value there.
+    """Return True if the two results of `values(point)`, compiled numbers and formulas, agree; None without a value.
 
-    Raises RunError if they differ.
+    Raises RunError if they differ; its message begins with `what`.
     """
     try:
         compiled, formulas = values(point)

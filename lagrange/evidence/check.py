@@ -83,11 +83,13 @@ def check(
     """Compare every quantity of a compiled model with its definition, at random points inside the domain.
 
     The reference differentiates the stated energies and constraints numerically at 90 digits, without compiled code.
-    Some of the points satisfy the constraints; the others need not. `textbook` maps each coordinate to its acceleration
-    as a SymPy expression, derived in another way, and adds a row. `other`, the same system compiled for another target,
-    adds a row as well. The same `seed` gives the same points. The cost grows with the number of terms of L that contain
-    each coordinate, and with the cube of the number of coordinates if all are coupled. Raises StatementError for fewer
-    than one point, and for a textbook that lacks a coordinate.
+    Some of the points satisfy the constraints; the others need not.
+
+    `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a row to
+    the report. `other`, the same system compiled for another target, adds a row as well. The same `seed` gives the same
+    points. The cost grows with the number of terms of L that contain each coordinate, and with the cube of the number
+    of coordinates if all are coupled. Raises StatementError for fewer than one point, and for a textbook that lacks a
+    coordinate.
     """
     points = whole_number(points, "points", 1, MOST_CHECKED_POINTS)
     seed = whole_number(seed, "seed", 0)
@@ -99,7 +101,7 @@ def check(
 
 
 class _Session:
-    """State of one check: its points so far, and the comparisons at them."""
+    """The points of one check so far, and the comparisons at these points."""
 
     def __init__(self, model: Model, textbook: Textbook | None, other: Model | None, points: int, seed: int) -> None:
         self.started = time.perf_counter()
@@ -122,7 +124,10 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Compare at point number `k`: draw until a point lies inside the domain, or the limit of draws is reached."""
+        """Compare at point number `k`: draw until a point lies inside the domain, or the limit of draws is reached.
+
+        After too many expensive draws outside the domain it returns without a comparison.
+        """
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
@@ -132,9 +137,9 @@ class _Session:
                 return
 
     def _on_constraints(self, point: SamplePoint) -> SamplePoint:
-        """Return the nearest point at which the constraints hold, or the point itself if none is found near it.
+        """Return the nearest point at which the constraints hold, or the point itself if there is none near it.
 
-        The definitions hold at any state. Some points satisfy the constraints because all motions do.
+        The compared definitions hold at any state. Motions satisfy the constraints, so some points should, too.
         """
         if not self.statement.constraints:
             return point
@@ -200,14 +205,14 @@ class _Session:
         return True
 
     def _columns(self) -> list[int]:
-        """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
+        """Return the indices of the columns of the Jacobian to check next: all if they are few, else some in turn."""
         width = len(self.statement.state_names)
         share = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.point_count)))
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
     def _columns_left(self) -> list[str]:
-        """Return a note on the columns of the Jacobian that no point has checked; empty if there are none."""
+        """Return a note on the columns of the Jacobian that were checked at no point; empty if there are none."""
         width, share = len(self.statement.state_names), len(self._columns())
         checked = share * len(self.used)
         if checked >= width:
@@ -263,7 +268,7 @@ class _Session:
 
 
 class SolvedTextbook:
-    """The accelerations of a derivation with rotations as a function of a state, by a linear solve at each.
+    """The accelerations of a derivation with rotations, as a function of a state; a call solves a linear system.
 
     The equations and the derivatives of the constraints are linear in the accelerations of coordinates and turns, and
     in the multipliers. The accelerations of quaternions follow from those of turns.
@@ -310,7 +315,10 @@ Textbook = Mapping[Any, Any] | SolvedTextbook
 
 
 def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
-    """Return a program for the accelerations of a textbook. Raises StatementError if one is missing."""
+    """Return a program for the accelerations of a textbook, in the order of the coordinates.
+
+    Raises StatementError if the textbook lacks an acceleration.
+    """
     if isinstance(textbook, SolvedTextbook):
         return textbook
     table = {**textbook}
@@ -345,7 +353,10 @@ def check_stated(system: Stated, target: str, points: int, seed: int) -> Report:
 
 
 def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str, ...]]:
-    """Return the system compiled for another target and no note; None and a note if that target is missing."""
+    """Return the system compiled for another target, and notes.
+
+    If the target is not installed, the system is None and a note says so; else there is no note.
+    """
     try:
         return system.compile(target, check=False), ()
     except MissingTargetError as missing:
@@ -353,9 +364,10 @@ def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str,
 
 
 def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
-    """Return the accelerations of the textbook derivation and notes; None and a note if they are too large to derive.
+    """Return the accelerations of the textbook derivation, and notes.
 
-    `prescribed` maps functions of time and their derivatives to their values.
+    If the accelerations are too large to derive, they are None and a note says so. `prescribed` maps functions of time
+    and their derivatives to their values.
     """
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."

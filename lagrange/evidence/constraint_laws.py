@@ -14,10 +14,10 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True)
 class StatedConstraints:
-    """The m constraint expressions as functions of (q, v, t); `holonomic` is true for constraints on positions.
+    """The m constraint expressions as functions of (q, v, t); `holonomic` has True for each constraint on positions.
 
-    They are stored twice, for the gradient G and for the rates, so that perturbed copies are independent as in
-    `Sources`.
+    `for_gradient` is for the gradient G, `for_rates` for time derivatives. They are two functions, so that their
+    perturbed copies have independent rounding, as in `Sources`.
     """
 
     for_gradient: StateFunction
@@ -70,7 +70,10 @@ def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, st
 def acceleration_level(
     stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps
 ) -> Numbers:
-    """Return dpsi/dt = G a + gamma, m numbers: derivatives with respect to s along q + v s + a s^2/2."""
+    """Return dpsi/dt = G a + gamma, m numbers.
+
+    They are derivatives with respect to s along the path q + v s + a s^2/2.
+    """
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def rates_at(s: Any) -> Numbers:
@@ -97,7 +100,7 @@ def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any
 
 
 def _directions(stated: StatedConstraints, v: Numbers, a: Numbers) -> tuple[Numbers, Numbers, Any]:
-    """Return the rates of q, v and t along the motion, slightly perturbed if rounding is measured."""
+    """Return the time derivatives (v, a, 1) of q, v and t along the motion, perturbed where rounding is measured."""
     nudge = stated.nudge
     v_along = [x * nudge("held velocity", i) for i, x in enumerate(v)]
     a_along = [x * nudge("held acceleration", i) for i, x in enumerate(a)]
@@ -110,7 +113,10 @@ def reactions(gradient: Sequence[Numbers], multipliers: Sequence[Any]) -> list[N
 
 
 def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
-    """Return [[M, G^T], [G, 0]], n + m rows. For the right-hand side [h, -gamma] the solution is [a, -lambda]."""
+    """Return the n + m rows of [[M, G^T], [G, 0]], with `mass` M and `gradient` G.
+
+    For the right-hand side [h, -gamma] the solution is [a, -lambda].
+    """
     upper = [dict(row) for row in mass]
     lower = [{i: x for i, x in enumerate(line) if x} for line in gradient]
     for j, line in enumerate(lower, len(mass)):

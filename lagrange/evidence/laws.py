@@ -30,7 +30,7 @@ Row = dict[int, Any]
 
 
 class Estimate(NamedTuple):
-    """Extrapolated values, a practical bound on the error of each, and the result of the longer step (`coarse`)."""
+    """Extrapolated values, a bound on the error of each value, and the values with the longer step (`coarse`)."""
 
     value: Numbers
     error: Numbers
@@ -75,8 +75,9 @@ LOCAL_FROM = 13
 class LocalTerms:
     """Programs for the terms of L and D that contain one variable.
 
-    `by_velocity` and `by_place` have a program of L for each velocity and for each coordinate; `dissipation` has one of
-    D for each velocity. `touched` is described in `local_terms`.
+    `by_velocity` and `by_place` have a program for the terms of L with each velocity and with each coordinate.
+    `dissipation` has one for the terms of D with each velocity. `touched` has for each entry of (q, v) the indices of
+    the equations of motion that contain it.
     """
 
     by_velocity: Sequence[Precise]
@@ -86,11 +87,7 @@ class LocalTerms:
 
 
 def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
-    """Return programs for the parts of L and of the dissipation that contain each coordinate or velocity.
-
-    They are None for a statement of few coordinates. `touched` has 2n lists: for each coordinate, then for each
-    velocity, the rows of the equations of motion that contain it.
-    """
+    """Return programs for the terms of L and D that contain each coordinate or velocity; None for few coordinates."""
     n = len(statement.coordinates)
     if n < LOCAL_FROM:
         return None
@@ -110,7 +107,7 @@ def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
 
 
 def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
-    """Return pairs (term, its coordinates and velocities) of an expression; c (a + b) counts as two terms."""
+    """Return pairs (term, coordinates and velocities in it) of an expression; c (a + b) counts as two terms."""
     moving = frozenset((*statement.coordinates, *statement.velocities))
     pairs = []
     stack = list(sympy.Add.make_args(expression))
@@ -149,7 +146,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1: the factor of a term without a perturbation."""
+    """Return 1, the factor of a term that is not perturbed."""
     return 1
 
 
@@ -165,8 +162,8 @@ class DifferenceSteps:
     def at(cls, q: Numbers, v: Numbers, t: Any, unit: Any, *, timed: bool) -> DifferenceSteps:
         """Return steps of `unit` relative to each number, or of `unit` for a zero, at a state of mpmath numbers.
 
-        Along the motion no coordinate changes by more than its own step, nor does the time if it matters (`timed`): in
-        SI units a second is nothing to a planet, and all digits would be lost in it.
+        During the time step no coordinate changes by more than its own step. With `timed` the time step is also limited
+        relative to t. In SI units a second is short for a planet, and such a step would lose all digits.
         """
         by_q, by_v = ([unit * (abs(x) or 1) for x in values] for values in (q, v))
         times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
@@ -183,12 +180,15 @@ class DifferenceSteps:
 class Sources:
     """L, Q and D as functions of (q, v, t).
 
-    `for_momenta(i)` and `dissipation(i)` have at least the terms with velocity i, `for_forces(i)` those with coordinate
-    i. `read(i)` lists the entries of (q, v) that occur in terms with velocity i. `touched(j)` lists the rows of the
-    equations of motion that contain entry j of (q, v). L is stored three times, for p, for dL/dq and for M. Perturbed
-    copies, which measure rounding, must be independent where compiled code computes independently, because parts of
-    dL/dq and of dp/dt can cancel in h. `nudge(name, index)` is a factor close to 1 for a term of the sums formed here.
-    It is the same at each evaluation, because differencing would magnify changes.
+    - `for_momenta(i)` and `dissipation(i)` have at least the terms with velocity i, `for_forces(i)` those with
+      coordinate i.
+    - `read(i)` lists the entries of (q, v) that occur in terms with velocity i.
+    - `touched(j)` lists the indices of the equations of motion that contain entry j of (q, v).
+    - `nudge(name, index)` is a factor close to 1 for a term of a sum that is formed here.
+
+    L is stored three times, for p, for dL/dq and for M. Compiled code computes these independently, and parts of dL/dq
+    and dp/dt can cancel in h. So their perturbed copies, which measure rounding, must be independent. A factor from
+    `nudge` is the same at each evaluation, because differencing would magnify changes.
     """
 
     lagrangian: StateFunction
@@ -256,7 +256,7 @@ def momentum_rate(
     steps: DifferenceSteps,
     rows: Sequence[int] | None = None,
 ) -> Numbers:
-    """Return dp/dt for velocities v and accelerations a, n numbers, or only the entries listed in `rows`."""
+    """Return dp/dt at accelerations `a`, n numbers, or only the entries listed in `rows`."""
     n, point, direction = len(q), [*q, *v], [*v, *a]
     needed = range(len(point)) if rows is None else sorted({k for i in rows for k in source.read(i)})
     for k in needed:
@@ -282,9 +282,9 @@ def residual(
     rows: Sequence[int] | None = None,
     entry: int | None = None,
 ) -> Numbers:
-    """Return dp/dt - f, which is zero if a are the accelerations: n numbers, or only the entries listed in `rows`.
+    """Return dp/dt - f, n numbers, or only the entries listed in `rows`. It is zero for the right accelerations `a`.
 
-    With `entry`, an index in (q, v), the rates dp/dt that do not depend on this entry are left out.
+    With `entry`, an index in (q, v), terms of dp/dt that do not depend on this entry are left out.
     """
     n = len(q)
     rows = range(n) if rows is None else rows
@@ -323,7 +323,7 @@ def residual_slopes(
 
 
 def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:
-    """Return the solutions of matrix x = r for each r in `right`, by elimination with partial pivoting.
+    """Return the solution x of matrix x = r for each r in `right`, by elimination with partial pivoting.
 
     Raises SingularMass when a pivot is at most `threshold` times the largest entry of its row.
     """
@@ -358,17 +358,17 @@ def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[R
 
 
 def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Numbers:
-    """Return the solution of matrix x = right, with all entries listed. Raises SingularMass as `solve` does."""
+    """Return the solution x of matrix x = right, both with all entries listed. Raises SingularMass as `solve` does."""
     rows = [dict(enumerate(row)) for row in matrix]
     (x,) = solve(rows, [dict(enumerate(right))], threshold)
     return [x.get(i, 0) for i in range(len(rows))]
 
 
 def balance(matrix: Sequence[Row], n: int) -> Numbers:
-    """Return factors d, for which the numbers d_i A_ij d_j of [[M, G^T], [G, 0]] do not depend on units.
+    """Return scale factors d such that the products d_i A_ij d_j do not depend on units, for A = [[M, G^T], [G, 0]].
 
-    The diagonal of M becomes 1, and so does the largest entry in each row of G. A coordinate without inertia is scaled
-    as the one with the largest.
+    The diagonal of M becomes 1, and so does the largest entry in each row of G. A coordinate without inertia gets the
+    factor of the largest diagonal entry.
     """
     diagonal = [abs(matrix[i].get(i, 0)) for i in range(n)]
     largest = max(diagonal) or 1
@@ -381,10 +381,10 @@ def balance(matrix: Sequence[Row], n: int) -> Numbers:
 def factorization_sizes(matrix: Sequence[Row], negative: int = 0) -> list[Row]:
     """Return the magnitudes of the numbers in a factorization of a symmetric matrix, as n rows.
 
-    For M = L D L^T it is |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. Solving with
-    the factors in floating point is exact for a matrix within a few roundings of these numbers (N. J. Higham, Accuracy
-    and Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges; then the
-    largest entries of the rows are used.
+    For M = L D L^T it is |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. In floating
+    point the solution with these factors is exact for a matrix that differs by a few roundings of these numbers (N. J.
+    Higham, Accuracy and Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row
+    exchanges; then the largest entries of the rows are used.
     """
     n = len(matrix)
     sizes = [{j: abs(x) for j, x in row.items()} for row in matrix]
@@ -408,7 +408,7 @@ def factorization_sizes(matrix: Sequence[Row], negative: int = 0) -> list[Row]:
 
 
 def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
-    """Return x + s direction."""
+    """Return x + s direction, entry by entry."""
     return [a + s * b for a, b in zip(x, direction, strict=True)]
 
 

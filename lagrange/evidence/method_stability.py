@@ -38,7 +38,8 @@ class Stability:
     """Stability intervals of a step: eigenvalues whose oscillation or decay the step does not amplify.
 
     `real` and `imaginary` are the lengths of the stable intervals on the negative real and on the imaginary axis, in
-    units of 1/step; infinite if they do not end. A symplectic splitting cannot treat damping; its `real` is NaN.
+    units of 1/step; infinite for an interval without end. A symplectic splitting cannot treat damping, so its `real` is
+    NaN.
     """
 
     real: float
@@ -51,8 +52,8 @@ class Stability:
 class _Map:
     """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z systems at once.
 
-    The systems are q'' = -k q - c v with the eigenvalues z and its conjugate; the step is 1. n is 2 for a step of
-    y = [q, v], else 1, and m is the size of the state.
+    System number k is q'' = -k q - c v with the eigenvalues z and its conjugate; the step is 1. n is 2 for a step of y
+    = [q, v], else 1, and m is the length of the initial state.
     """
 
     def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
@@ -87,7 +88,7 @@ class _Map:
         return np.concatenate(results, axis=1)
 
     def combined(self, combination: Combination) -> FloatArray:
-        """Return a linear combination of the vectors, as a map of the initial state."""
+        """Return a linear combination of the vectors, (Z, n, m), as a map of the initial state."""
         zero = np.zeros((len(self.k), self.length, self.vectors[0].shape[2]))
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
@@ -147,10 +148,10 @@ def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
 def growth(method: Any, z: ArrayLike) -> FloatArray:
     """Return the growth factors of a step for linear oscillations, in the shape of z.
 
-    `method` is a registered name, an instance, or a step program. Each complex number in `z` is eigenvalue times step
-    length; the oscillation has this eigenvalue and its conjugate. The factor is the spectral radius of the step's
-    matrix, infinite at a pole of an implicit step. Raises StatementError if the method is a splitting, which cannot
-    treat damping, and z is not imaginary.
+    `method` is a registered name, an instance, or a step program. Each complex number in `z` is an eigenvalue times the
+    step length; the oscillation has this eigenvalue and its conjugate. The growth factor is the spectral radius of the
+    step's matrix, infinite at a pole of an implicit step. Raises StatementError for a splitting, which cannot treat
+    damping, if z is not imaginary.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
     rates = complex_array(z, "z")
@@ -166,7 +167,8 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
 def stability(method: Any) -> Stability:
     """Return the lengths of the stable intervals of a method on the negative real and on the imaginary axis.
 
-    `method` is as in `growth`. Raises StatementError for a method without a step program, such as SciPy's.
+    `method` is a registered name, an instance, or a step program. Raises StatementError for a method without a step
+    program, such as SciPy's.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
     real = np.nan if step.law == "accelerations" else _extent(step, -1.0 + 0.0j)
@@ -191,7 +193,10 @@ def _extent(step: StepProgram, direction: complex) -> float:
 
 
 def step_of(method: Any) -> StepProgram:
-    """Return the step program of a registered method or an instance. Raises StatementError if it has none."""
+    """Return the step program of a method: a registered name, an instance, or a step program.
+
+    Raises StatementError for a method without a step program.
+    """
     integrator = find(method)
     if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(

@@ -1,6 +1,6 @@
 """Evaluation of SymPy expressions with mpmath to a chosen number of digits, independent of graphs and compiled code.
 
-Its switches are the conditions, Abs, sign, Min and Max that select between formulas of an energy.
+The switches of an expression are its conditions, Abs, sign, Min and Max: they select between formulas.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ For larger arguments mpmath would compute pi to as many digits as the integer pa
 
 
 class OutsideDomain(Exception):
-    """An expression has no real, finite value at the point."""
+    """Error: an expression has no real, finite value at the point."""
 
 
 class BeyondDoubles(OutsideDomain):
-    """The value exists, but an intermediate result exceeds the range of doubles."""
+    """Error: the value exists, but an intermediate result exceeds the range of doubles."""
 
 
 def numeric_operation(node: Any, prec: int) -> Operation:
@@ -55,7 +55,11 @@ def numeric_operation(node: Any, prec: int) -> Operation:
 
 
 def switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | None:
-    """Return the outcome of a condition, Abs, sign, Min or Max; None if it has no value."""
+    """Return the outcome of a condition, Abs, sign, Min or Max from its value and its arguments' values.
+
+    It is 0 or 1 for a condition, -1 or 1 for a sign, and the index of the selected argument for Min and Max. It is None
+    if the switch has no value.
+    """
     if isinstance(value, OutsideDomain):
         return None
     if isinstance(value, bool):
@@ -196,7 +200,7 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the value of And (`verdict` False) or Or (`verdict` True) of parts, some of which may have no value.
+    """Return the value of And (`verdict` False) or Or (`verdict` True) of `parts`, some of which may have no value.
 
     The result is `verdict` if a part equals it, else the first part without a value, else the opposite.
     """
@@ -210,7 +214,10 @@ def _not(part: Any) -> Any:
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return the value of SymPy's ITE(condition, then, otherwise), which a Max inside a Max produces."""
+    """Return the value of SymPy's ITE(condition, then, otherwise); a condition without a value is returned itself.
+
+    SymPy produces ITE for a Max inside a Max.
+    """
     return condition if not isinstance(condition, bool) else then if condition else otherwise
 
 
@@ -246,7 +253,10 @@ def _context(digits: int) -> Any:
 
 
 class _Instruction(NamedTuple):
-    """One instruction of the program; `needs` has a bit for each input that its result depends on."""
+    """One instruction of a program: it writes to slot `out` and reads the slots `arguments`.
+
+    `needs` has a bit for each input of the program on which its result depends.
+    """
 
     out: int
     operation: Operation
@@ -259,8 +269,8 @@ class _Instruction(NamedTuple):
 class Inspection:
     """Record of one evaluation.
 
-    `outcomes` has the outcome of each switch in `Precise.switches`, None if undefined. `largest` is the largest binary
-    exponent of all intermediate values.
+    `outcomes` has the outcome of each switch in `Precise.switches`, None for a switch without a value. `largest` is the
+    largest binary exponent of all intermediate values.
     """
 
     outcomes: tuple[int | None, ...]
@@ -273,8 +283,8 @@ class Precise:
     A call with q and v (n numbers each), t and a value for every parameter returns one mpmath number per expression.
     Python floats and SymPy Floats are converted exactly; fractions and constants such as pi have all digits. Only the
     selected branch of a Piecewise needs a value. A call raises OutsideDomain if an expression has no real, finite
-    value. `entries` are the indices in (q, v) of the coordinates and velocities that occur. `further` symbols are given
-    values like parameters.
+    value. `entries` are the indices in (q, v) of the coordinates and velocities that occur. Values of the symbols in
+    `further` are passed among the parameters.
 
     A call repeats only instructions whose inputs have changed since the previous call, since differencing moves one
     coordinate at a time. An instance therefore serves one thread only.
@@ -304,7 +314,10 @@ class Precise:
         return [make(values[slot]) for slot in self._outputs]
 
     def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
-        """Evaluate once and return the outcomes of the switches. Raises OutsideDomain as a call does."""
+        """Evaluate once; return the outcomes of the switches and the largest exponent.
+
+        Raises OutsideDomain as a call does.
+        """
         values = self._run(q, v, t, parameters)
         outcomes = tuple(
             switch_outcome(node, values[out], [values[i] for i in arguments])
@@ -317,9 +330,9 @@ class Precise:
         """Return a copy in which every computed number and its slope have fixed random factors 1 + O(size).
 
         This models rounding, large enough to measure and smooth enough to be differentiated. The change of a derivative
-        then measures its rounding error, cancellation included. Slopes need separate factors, because the terms of
-        x/(1 + x), for example, cancel only in its slope. These factors apply to changes since the last call of `about`,
-        or since the first evaluation.
+        then measures its rounding error, cancellation included. Slopes need separate factors, because the terms of x/(1
+        + x), for example, cancel only in its slope. The factor of a slope applies to changes since the last call of
+        `about`, or since the first evaluation.
         """
         draw = random.Random(seed)
         copy = object.__new__(Precise)
@@ -384,7 +397,7 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
 
 
 def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], prec: int) -> Operation:
-    """Return an operation whose first result has the factor 1 + delta, and later changes of it the factor 1 + slope.
+    """Return an operation whose first result is multiplied by 1 + delta, and later changes of it by 1 + slope.
 
     `bases` stores the first result times (delta - slope), by slot.
     """
@@ -506,14 +519,14 @@ def _constant(node: Any, prec: int) -> Any:
 
 
 def all_ways(switch: Any) -> tuple[int, ...]:
-    """Return every outcome of a switch: 0 and 1 for a condition, -1 and 1 for a sign, an index for Min and Max."""
+    """Return all outcomes of a switch: 0 and 1 for a condition, -1 and 1 for a sign, indices for Min and Max."""
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return tuple(range(len(switch.args)))
     return (-1, 1) if isinstance(switch, (sympy.Abs, sympy.sign, sympy.Heaviside)) else (0, 1)
 
 
 def describe_way(switch: Any, way: int, statement: Statement) -> str:
-    """Return a clause in the user's symbols, such as ``x > 1 does not hold``."""
+    """Return a clause in the user's symbols that describes the outcome `way`, such as ``x > 1 does not hold``."""
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return f"{_text(switch.args[way], statement)} is the one that {_text(switch, statement)} takes"
     if isinstance(switch, (sympy.Abs, sympy.sign, sympy.Heaviside)):

@@ -32,14 +32,14 @@ from lagrange.statement.statement import Statement
 
 
 class NoValue(ArithmeticError):
-    """Raised if an operation has no real, finite value."""
+    """Error: an operation has no real, finite value."""
 
 
 _context = cache(precise)
 
 
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
-    """Return the outputs at a time, a state and parameters, as numbers with `digits` digits.
+    """Return the outputs of a program at time t, state y and parameters, as numbers with `digits` digits.
 
     Doubles are converted exactly. Raises NoValue if an operation has no real, finite value, or a matrix is singular.
     """
@@ -131,7 +131,7 @@ GUARD = 14
 
 
 class PreciseLaws:
-    """The residual of the equations of motion, from the stated L, Q and D."""
+    """Residuals of the equations of motion in multiple precision, from the stated L, Q and D."""
 
     def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
         # dp/dt is a difference of differences: it loses twice the digits of the step, and its error is the square of
@@ -164,7 +164,7 @@ class PreciseLaws:
         self.held = StatedConstraints.alike(lambda q, v, t: held(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
-        """Return the state moved onto the constraints to all digits, since violations grow along a run.
+        """Return the state at time t, moved onto the constraints to all digits, since violations grow along a run.
 
         Raises RunError if that fails.
         """
@@ -187,7 +187,10 @@ class PreciseLaws:
     def residual(
         self, q: Numbers, v: Numbers, a: Numbers, multipliers: Numbers, t: Any, steps: DifferenceSteps
     ) -> Numbers:
-        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers: all zero if a and lambda are those of the motion."""
+        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers.
+
+        All are zero for the accelerations `a` and the multipliers lambda of the motion.
+        """
         free = laws.residual(self.source, q, v, a, t, steps)
         if not self.held.holonomic:
             return free
@@ -257,9 +260,10 @@ def precise_run(
 class _Rule:
     """Gauss's rule with s points on [0, 1], in multiple precision and in doubles.
 
-    `matrix` maps values at the points to their integrals from 0 to each point. In doubles, `places` are the points,
-    `once` is `matrix`, and `twice` integrates twice. `spectrum` maps values at the points to coefficients of Legendre's
-    polynomials; `middle` and `tail` are its three middle and last rows in multiple precision.
+    - `matrix` maps values at the points to their integrals from 0 to each point.
+    - In doubles, `places` are the points, `once` is `matrix`, and `twice` is the matrix of the double integral.
+    - `spectrum` maps values at the points to coefficients of Legendre's polynomials.
+    - `middle` and `tail` are the three middle and the three last rows of `spectrum` in multiple precision.
     """
 
     points: tuple[Any, ...]
@@ -275,10 +279,10 @@ class _Rule:
 
 @dataclass(frozen=True)
 class _Interval:
-    """Solution of an interval in doubles: q, v and a at the s points, (s, n) each, and the scales `sizes` (n,).
+    """Solution of an interval in doubles: q, v and a at the s points of Gauss's rule, (s, n) each.
 
-    `factor` is the ratio of the next interval's length to this one. `improve` maps residuals of the accelerations to
-    their corrections.
+    `sizes` (n,) are the scales of the accelerations. `factor` is the length of the next interval divided by the length
+    of this one. `improve` maps residuals of the equations to corrections of the accelerations.
     """
 
     q: FloatArray
@@ -291,7 +295,10 @@ class _Interval:
 
 
 def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
-    """Return the scale of each acceleration, (n,): accelerations that change the motion noticeably over a time h."""
+    """Return the scale of each acceleration, (n,): a value that changes the motion noticeably within the time h.
+
+    `spectrum` are the Legendre coefficients of the accelerations; `q` and `v` are (s, n).
+    """
     sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
     sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
     least = 1e-15 * float(sizes.max())
@@ -299,7 +306,7 @@ def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> Floa
 
 
 class _TooLong(Exception):
-    """The interval is too long: the iteration fails, or the rule does not resolve the accelerations."""
+    """Error: the interval is too long. The iteration fails, or the rule does not resolve the accelerations."""
 
 
 class _PreciseRun:
@@ -314,9 +321,9 @@ class _PreciseRun:
         self.length: float | None = None
 
     def advance(self, t: Any, end: Any, state: Numbers, whole: float) -> Numbers:
-        """Return the state at `end` from that at `t`, by intervals that are halved until they succeed.
+        """Return the state at time `end` of the run that has `state` at time t.
 
-        `whole` is the length of the run.
+        It takes intervals that are halved until they succeed. `whole` is the length of the run.
         """
         while t != end:
             left = float(end - t)
@@ -334,7 +341,7 @@ class _PreciseRun:
         return state
 
     def _check(self, t: float, length: float, whole: float) -> None:
-        """Raise RunError after the time limit, or for an interval that is too short."""
+        """Raise RunError after the time limit, or for an interval `length` too short for a run of length `whole`."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST_INTERVAL * whole:
@@ -344,7 +351,7 @@ class _PreciseRun:
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
-        """Return the solution of the interval from t to t + h in doubles.
+        """Return the solution in doubles of the interval from t to t + h.
 
         Raises _TooLong if the iteration does not converge or the rule does not resolve the accelerations.
         """
@@ -371,7 +378,10 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return the ratio of the next interval's length to this one. Raises _TooLong if this interval is too long."""
+        """Return the length of the next interval divided by the length of this one.
+
+        `a` (s, n) are the accelerations, `sizes` (n,) their scales. Raises _TooLong if this interval is too long.
+        """
         # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
         # the digits in the series are enough. Doubles resolve its coefficients only as far as the middle.
         spectrum = np.abs(self.rule.spectrum @ a)
@@ -407,7 +417,7 @@ class _PreciseRun:
         return moved
 
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
-        """Return the accelerations at the points, s rows of n numbers, corrected until the equations hold.
+        """Return the accelerations at the points, s rows of n numbers, corrected until the equations of motion hold.
 
         Raises _TooLong if the corrections converge too slowly.
         """
@@ -452,7 +462,7 @@ class _PreciseRun:
         return inverses, [[self.laws.number(float(x)) for x in row] for row in multipliers]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
-        """Raise _TooLong if the interval is too long for its polynomial: its last coefficients have not become small.
+        """Raise _TooLong if the last coefficients of the accelerations' polynomials are not small.
 
         `a` are the accelerations at the s points. A kink of the forces within the interval has this effect.
         """
@@ -467,7 +477,7 @@ class _PreciseRun:
             raise _TooLong
 
     def _states(self, h: Any, state: Numbers, a: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
-        """Return coordinates and velocities at the points, s rows of n numbers each."""
+        """Return coordinates and velocities at the points, s rows of n numbers each, for the accelerations `a`."""
         first, rates = self.model.layout.split(state)
         v = self._integrated(h, rates, a)
         return self._integrated(h, first, v), v
@@ -480,7 +490,7 @@ class _PreciseRun:
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of mpmath numbers, to which an array of doubles is added."""
+    """Return rows of mpmath numbers plus an array of doubles, `by`."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 

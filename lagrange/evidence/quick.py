@@ -9,8 +9,9 @@ random combination of the second time derivatives of phi, and of the rates of co
 
 With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
 stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
-relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed, which estimates
-rounding (see `lagrange.evidence.reference`). If it exceeds this estimate, each acceleration is checked by itself.
+relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed. The change of the
+left-hand side estimates its rounding error, as in `lagrange.evidence.reference`. If the left-hand side exceeds this
+estimate, each acceleration is checked by itself.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence
 
 
 class _Probe:
-    """The projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
+    """The left-hand side of the projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
 
     def __init__(self, statement: Statement) -> None:
         self.plain = Precise([statement.lagrangian], statement, DIGITS_OF_TEST)
@@ -160,7 +161,7 @@ class _Probe:
         return True
 
     def suspects(self, point: SamplePoint, a: Sequence[float], direction: Sequence[float]) -> bool:
-        """Return True if a residual exceeds its rounding or has no value.
+        """Return True if the left-hand side exceeds its rounding error or has no value.
 
         `a` are the accelerations; `direction` is a direction that the constraints allow.
         """
@@ -187,7 +188,10 @@ class _Probe:
         )
 
     def _held(self, tape: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return [(random combination of G a + gamma, its largest term)]; empty without constraints."""
+        """Return one pair: a random combination of the entries of G a + gamma, and its largest term.
+
+        The list is empty without constraints. `tape` is the program of the constraints.
+        """
         if not self.holonomic:
             return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}

@@ -1,9 +1,9 @@
 """The reference value of every compiled quantity at one point, with its allowance for rounding.
 
-The allowance is measured, not modelled. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and
-the equations are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the
-magnitudes of its terms. Errors are relative to the size. Dividing by the entry itself would reject cancellation
-(1 - cos x near 0), and dividing by the largest entry would miss a wrong small one.
+The allowance is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations
+are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
+terms. Errors are relative to the size. Dividing by the entry itself would reject cancellation (1 - cos x near 0), and
+dividing by the largest entry would miss a wrong small one.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ class Reference:
     def at(self, point: SamplePoint, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
 
-        With constraints also constraints, constraint_gradient, constraint_bias, multipliers and constraint_forces.
-        mass_matrix and constraint_gradient are flattened by rows; jacobian has the columns of d rhs / d(q, v) that
-        `columns` lists, one after another. Raises OutsideDomain if the point is not usable: the statement has no real,
-        finite value or no derivative there, or the accelerations are not determined.
+        With constraints it also returns constraints, constraint_gradient, constraint_bias, multipliers and
+        constraint_forces. mass_matrix and constraint_gradient are flattened by rows. jacobian has the columns of d rhs
+        / d(q, v) that `columns` lists, one after another. Raises OutsideDomain if the point is not usable: the
+        statement has no real, finite value or no derivative there, or the accelerations are not determined.
         """
         self.inspect(point)
         steps = self._steps(point)
@@ -132,11 +132,11 @@ class Reference:
     def _with_floor(
         self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
     ) -> ReferenceEntries:
-        """Return the Jacobian of the accelerations with a lower limit for sizes: size of acceleration / size of state.
+        """Return the Jacobian of the accelerations, with a least size: size of the acceleration / size of the state.
 
         Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient
         of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the
-        operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this floor.
+        operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this least size.
         """
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
@@ -147,7 +147,7 @@ class Reference:
     def _with_rates(
         self, entries: dict[str, ReferenceEntries], point: SamplePoint, columns: Sequence[int]
     ) -> dict[str, ReferenceEntries]:
-        """Return the entries with the upper halves of rhs and jacobian, v and (0 1), inserted."""
+        """Return the entries with the complete rhs and jacobian: rows of dq/dt = v, then rows of the accelerations."""
         n = len(point.q)
         velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
         slopes = entries.pop("jacobian")
@@ -176,7 +176,7 @@ class Reference:
         return outcomes
 
     def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> dict[str, Row]:
-        """Return all quantities with every intermediate number perturbed, from perturbed copy `k`."""
+        """Return all quantities, computed by the perturbed copy number `k` of the programs."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
         parameters = self._parameters(point)
@@ -277,7 +277,10 @@ class Reference:
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return the entries of each quantity by index. Zeros of mass_matrix and jacobian may be absent."""
+        """Return the entries of each quantity by index; zeros of mass_matrix and jacobian may be left out.
+
+        `held` are the constraints, and `columns` the columns of the Jacobian.
+        """
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
@@ -331,7 +334,7 @@ class Reference:
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
-        """Return dp/dt - f of the coordinates without inertia as constraints on velocities."""
+        """Return the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities."""
 
         def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
             still = [self.number(0)] * len(q)
@@ -341,7 +344,10 @@ class Reference:
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
     def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
-        """Return a function from right-hand sides to the solutions with the matrix of the motion, in balanced units."""
+        """Return a function from right-hand sides to solutions of the linear system for the accelerations.
+
+        `matrix` is M, or [[M, G^T], [G, 0]] with constraints. The function solves in scaled units.
+        """
         scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
 
         def balanced(row: Row, scale: Any) -> Row:
@@ -368,7 +374,7 @@ class Reference:
         ]
 
     def _as_factored(self, matrix: Sequence[Row], nudge: laws.Nudge) -> list[Row]:
-        """Return the matrix of the motion, perturbed as the rounding of its factorization perturbs it."""
+        """Return the matrix for the accelerations, perturbed as the rounding errors of its factorization perturb it."""
         sizes = laws.factorization_sizes(matrix, len(self.holonomic))
         off = [dict(row) for row in matrix]
         for i, row in enumerate(sizes):
@@ -379,7 +385,7 @@ class Reference:
 
 
 def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nudge) -> dict[str, Numbers]:
-    """Return the quantities of constraints that follow from the rows of G and the multipliers."""
+    """Return the gradient G, the multipliers and the constraint forces by name; `slopes` are the rows of G."""
     exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
     return {
         "constraint_gradient": list(chain.from_iterable(slopes)),
@@ -408,7 +414,7 @@ class _Perturbed:
 
     @classmethod
     def of(cls, whole: Reference, seed: int) -> _Perturbed:
-        """Return copies of the programs of `whole`, each perturbed by different factors."""
+        """Return copies of all programs of the reference `whole`; each has its own random factors."""
 
         def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
             numbered = ((tape, seed + 6 * PERTURBED_COPIES * i) for i, tape in enumerate(tapes))

@@ -28,8 +28,8 @@ class ReportRow:
     """Comparison of one compiled quantity with its reference.
 
     `error` is the largest error, relative to the magnitude of the terms of the entry. It is infinite if a value is
-    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) locate this error; `compiled` and
-    `reference` are the two values there. `points` is the number of points compared.
+    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) say where the largest error is; `compiled`
+    and `reference` are the two values there. `points` is the number of points compared.
     """
 
     quantity: str
@@ -52,12 +52,16 @@ HEADINGS = ("quantity", "worst error", "entry", "at point", "points", "verdict")
 
 @dataclass(frozen=True, repr=False)
 class Report(ShownAsPage):
-    """The result of `system.check()`: true if everything holds.
+    """The result of `system.check()`; it is true if everything holds.
 
-    `rows` has one row per quantity. `points` describes the points used. `outside` counts rejected points by reason: the
-    statement has no value or no derivative there. `unexplained` lists points where only one of statement and compiled
-    code has a value. `notes` has remarks on gaps. `limit` is the largest accepted error. `seconds` is the
-    duration of the check; it is not printed, so that the printed report is the same in every process.
+    - `rows` has one row per quantity.
+    - `points` describes the points used.
+    - `outside` counts rejected points by reason: the statement has no value or no derivative there.
+    - `unexplained` lists points where only one of statement and compiled code has a value.
+    - `notes` are remarks on what was not checked.
+    - `limit` is the largest accepted error.
+    - `seconds` is the duration of the check. It is not printed, so that the printed report is the same in every
+      process.
     """
 
     system: str
@@ -165,7 +169,7 @@ class ReferenceEntries:
         return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
 
     def around(self, values: Sequence[Any] | FloatArray) -> ReferenceEntries:
-        """Return entries of the same sizes with other, exact values."""
+        """Return entries with the same sizes and with other values, which are exact."""
         entries, zeros = ReferenceEntries(list(values), [0.0] * len(self.size), self.size), np.zeros(len(self.size))
         # Of equal sizes: the conversion of 86,000 entries of a mass matrix takes 0.1 s.
         entries.__dict__["allowance"] = self.allowance[0], zeros
@@ -174,7 +178,7 @@ class ReferenceEntries:
         return entries
 
     def check_smooth(self) -> None:
-        """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
+        """Raise OutsideDomain if differencing did not converge, because of a kink or a jump within its steps."""
         floor = max(filter(None, self.size), default=0) * SMOOTHNESS
         pairs = zip(self.error, self.size, strict=True)
         if any(error > SMOOTHNESS * (size + floor) for error, size in pairs if error):
@@ -197,7 +201,7 @@ LANES = 11
 
 @dataclass
 class _Tally:
-    """Largest error of one quantity so far, and where it occurred; -1 if nothing was compared."""
+    """Largest error of one quantity so far, and the entry and point where it occurred; -1 before any comparison."""
 
     error: float = -1.0
     entry: str = "-"
@@ -208,7 +212,7 @@ class _Tally:
 
 
 class Comparison:
-    """The largest error so far of each row of the report, and failures that are not errors of a value."""
+    """The largest error so far of each row of the report, and failures in which no values could be compared."""
 
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
         self.names = names
@@ -220,7 +224,7 @@ class Comparison:
         self._number = 0
 
     def start(self, point: SamplePoint, number: int) -> None:
-        """Set the point of the next comparisons and its number, which is 0 for a point outside the domain."""
+        """Set the point of the next comparisons. `number` is its number, or 0 for a point outside the domain."""
         self._place = point.describe(self.names)
         self._number = number
 
@@ -245,7 +249,7 @@ class Comparison:
             tally.compiled, tally.reference = float(values[worst]), float(part.value[worst])
 
     def report_unexplained(self, sentence: str) -> None:
-        """Record a failure, described by a sentence, at the present point."""
+        """Record the failure that a sentence describes, at the present point."""
         self.unexplained.append(f"{sentence}, at {self._place}")
 
     def rows(self) -> tuple[ReportRow, ...]:
@@ -272,9 +276,9 @@ class Comparison:
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
-    """Return an absolute error relative to the entry's size and to the uncertainty of the reference.
+    """Return the error `off` relative to the size of the entry; it is accepted if it is at most LIMIT.
 
-    Ten times the uncertainty is added to the allowed error, so that one comparison with LIMIT decides.
+    Ten times the uncertainty of the reference is allowed in addition, by a larger denominator.
     """
     return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
@@ -285,7 +289,10 @@ def is_finite(value: Any) -> bool:
 
 
 def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
-    """Return the name of each entry of a quantity, in the order of `computed`."""
+    """Return the name of each entry of the quantity `name`, flattened in the order of `computed`.
+
+    `columns` are the indices of the compared columns of the Jacobian.
+    """
     names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
     rates = [*velocities, *(f"{a}_ddot" for a in names)]
@@ -309,7 +316,10 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
 
 
 def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> FloatArray:
-    """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
+    """Return the compiled entries of the quantity `name`, flattened; all NaN if the model raises RunError.
+
+    `columns` are the indices of the compared columns of the Jacobian.
+    """
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
@@ -338,7 +348,7 @@ def computed_batch(
 def _evaluate(
     model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
 ) -> Any:
-    """Return the entries of a quantity as an array from its kernel; states of a batch are the last axis."""
+    """Return the entries of a quantity as an array, from its kernel. In a batch the states are the last axis."""
     if name == "rhs":
         return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)
     if name == "jacobian":

@@ -21,7 +21,7 @@ from lagrange.statement.statement import REFUSE, Statement
 
 
 def solved_statement(model: Model) -> Statement:
-    """Return the statement of a model without redundant constraints."""
+    """Return the statement of a model, without constraints that follow from others."""
     statement = model.statement
     if not statement.constraints:
         return statement
@@ -46,7 +46,7 @@ UNIT = sympy.S.One
 
 @dataclass(frozen=True)
 class _Row:
-    """A monomial of size 1: powers of unknowns by index, powers of other symbols, logarithm of its coefficient."""
+    """An equation "monomial = 1": powers of unknowns by index, powers of other symbols, log of the coefficient."""
 
     unknowns: dict[int, float]
     known: tuple[tuple[Any, float], ...]
@@ -71,9 +71,9 @@ class Scales:
         self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return the 2n sizes. A size that is of order one, or not determined, is 1.
+        """Return the typical magnitudes of the state, (2n,). A magnitude that is of order one, or not determined, is 1.
 
-        A state `start` (2n,) gives the sizes that constants and parameters do not determine.
+        A state `start` (2n,) gives the magnitudes that constants and parameters do not determine.
         """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows: list[tuple[dict[int, float], float]] = []
@@ -97,7 +97,7 @@ class Scales:
         return _Row(unknowns, others, form.get(UNIT, 0.0))
 
     def _read(self, expression: Any) -> None:
-        """Add the rows of an expression, children first."""
+        """Add the equations that follow from an expression, subexpressions first."""
         stack = [(expression, False)]
         while stack:
             node, ready = stack.pop()
@@ -141,10 +141,10 @@ def _product(parts: Sequence[Form]) -> Form:
 
 
 class _Solution:
-    """Solves the rows, linear equations for logarithms of sizes, one unknown after another.
+    """Solves linear equations for the logarithms of magnitudes, one unknown after another.
 
-    A row has the powers of its unknowns, by index, and its constant term. `sizes` has the known logarithms. A row gives
-    its last unknown as soon as all others are known.
+    An equation has the powers of its unknowns, by index, and its constant term. `sizes` has the known logarithms. An
+    equation gives its last unknown as soon as all others are known.
     """
 
     def __init__(self, rows: Sequence[tuple[Mapping[int, float], float]]) -> None:
@@ -161,7 +161,7 @@ class _Solution:
                     self.settle(unknown, -unit / power)
 
     def settle(self, unknown: int, size: float) -> None:
-        """Set the logarithm of a size, unless it is known, and compute those that follow from it."""
+        """Set the logarithm `size` of an unknown, unless it is known, and compute the unknowns that follow from it."""
         if unknown in self.sizes:
             return
         self.sizes[unknown] = size
@@ -173,7 +173,7 @@ class _Solution:
                     fresh += self._last(k)
 
     def _last(self, k: int) -> list[int]:
-        """Compute the size of the only unknown that is left in a row, and return it in a list; empty if it is known."""
+        """Compute the last unknown of equation `k`, and return [its index], or [] if the unknown was already known."""
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:
@@ -215,7 +215,7 @@ def sampled_statement(model: Model) -> tuple[Statement, Callable[[SamplePoint], 
 
 @dataclass(frozen=True)
 class SamplePoint:
-    """A state, a time and a value for every parameter; `kind` says how it was chosen."""
+    """A state, a time and a value for every parameter; `kind` is a phrase that says how they were chosen."""
 
     q: tuple[float, ...]
     v: tuple[float, ...]
@@ -232,7 +232,7 @@ class SamplePoint:
 
 @dataclass(frozen=True)
 class SampleKind:
-    """Rule for random points: `state` is "initial" (near it) or "order one".
+    """Rule for random points. `state` is "initial", for states near the initial one, or "order one".
 
     `parameters` is "default", "near default" or "order one".
     """
@@ -266,7 +266,7 @@ Move = tuple[float, float, float]
 
 @lru_cache(maxsize=4)
 def scales_of(statement: Statement) -> Scales:
-    """Return the typical magnitudes of a statement, read once: an analysis makes hundreds of samplers."""
+    """Return the typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
     return Scales(statement)
 
 
@@ -303,7 +303,7 @@ class Sampler:
         return SamplePoint(q, v, self._within(0.0), self._parameters("default"), "the initial state")
 
     def far(self) -> SamplePoint:
-        """Return a point with numbers of many magnitudes, for branches that are rarely taken."""
+        """Return a point with numbers of very different magnitudes, to reach branches that are rarely taken."""
         moves = [
             [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
             for values in self._initial
@@ -316,7 +316,10 @@ class Sampler:
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return q and v after the moves. A characteristic size other than 1 replaces the size of a move."""
+        """Return q and v after random moves from the initial state: each is (entry, random number, size).
+
+        A typical magnitude in `scales` other than 1 replaces the size of a move.
+        """
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]

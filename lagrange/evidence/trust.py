@@ -38,9 +38,9 @@ TIGHTEST = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSolution:
-    """The reference states at each of the `times`, 2n numbers each, and a bound on their errors.
+    """Reference states at each of the `times`, 2n numbers each, and a bound on their errors.
 
-    `uncertainty` is in the norm of `error`; `about` is a phrase on the origin of the states.
+    `uncertainty` bounds the errors as `error` measures them. `about` is a phrase on the origin of the states.
     """
 
     times: tuple[float, ...]
@@ -107,7 +107,10 @@ def _independent(
 
 
 def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> ReferenceSolution:
-    """Return the run of a method; its uncertainty is the difference from a second method at its tightest tolerance."""
+    """Return the states of a run with the method `given` as a reference solution.
+
+    Its uncertainty is the difference from a run with a second method at its tightest tolerance.
+    """
     method = find(given)
     tightened = isinstance(given, str) and method.claims.adaptive
     other = "dopri5" if method.name == "dop853" else "dop853"
@@ -120,7 +123,7 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
-    """Return the states at the times. Each is the end of a run from the previous time, so none is interpolated."""
+    """Return the states at the times. Each is the end of a run from the previous time; none is interpolated."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, states = problem.y0, problem.t0, []
     for then in times:
@@ -160,10 +163,10 @@ UNIT_ROUNDING = 2.0**-53
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The effect of errors along the run on the state at its end.
+    """The effect of errors along a run on its final state.
 
     `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is the change of
-    the end when the most sensitive state of the run is rounded to double precision.
+    the final state when the most sensitive state of the run is rounded to double precision.
     """
 
     growth: float
@@ -175,9 +178,9 @@ def sensitivity(
 ) -> Sensitivity:
     """Return the growth of errors along a run, by the variational equation dW/dt = J(t, y) W with RK4.
 
-    Relative errors are relative to `size` (2n,), the magnitude of each entry of the state; the floor is in units of
-    `unit` (2n,). Both are infinite if the numbers overflow. Raises RunError for a run of more than `SENSITIVITY_STEPS`
-    steps.
+    Relative errors are relative to `size` (2n,), the magnitude of each entry of the state; `Sensitivity.floor` is in
+    units of `unit` (2n,). Both results are infinite if the numbers overflow. Raises RunError for a run of more than
+    `SENSITIVITY_STEPS` steps.
     """
     marks = run.t
     if len(marks) > SENSITIVITY_STEPS:
@@ -250,9 +253,9 @@ START_PERTURBATION = 2.0**-52
 class TrustHorizon:
     """The time until which a run is accurate to an error: `float(horizon)` is that time.
 
-    `times` (K,) are the comparison times. `bounds` (K,) are bounds of the error up to each time, in units of the state
-    or, if `relative`, of each entry's largest magnitude. `complete` is true if the horizon is the end of the run.
-    `witnesses` has the names of the comparison runs.
+    `times` (K,) are the times at which runs are compared. `bounds` (K,) are bounds of the error up to each time, in
+    units of the state or, if `relative`, of each entry's largest magnitude. `complete` is true if the run is accurate
+    until its end. `witnesses` has the names of the runs with which it is compared.
     """
 
     time: float
@@ -333,7 +336,7 @@ def trust_horizon(
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return K times: `TIMES_PER_STEP` in each step between `marks`, thinned to about `MOST_TIMES`.
+    """Return comparison times: `TIMES_PER_STEP` in each step between the times `marks`, thinned to about `MOST_TIMES`.
 
     The first and the last mark are always included.
     """
@@ -347,7 +350,7 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, run: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield (name, comparison run) for those that succeed.
+    """Yield (name, run) for each comparison run that succeeds.
 
     `size` (2n,) is the magnitude of each entry early in the run, and scales perturbations of entries that start at 0.
     """

@@ -83,9 +83,9 @@ class Entry:
     """Measurement of one method at one setting.
 
     `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN if the run did not reach its
-    end. If `resolved` is false, `error` is the uncertainty of the reference, and the true error is at most that. `time`
-    is the shortest of `timed` warm runs, in seconds, or NaN if none reached its end. `status` and `message` say how the
-    run ended.
+    end. If `resolved` is false, `error` is the uncertainty of the reference, which the true error does not exceed.
+    `time` is the shortest of `timed` warm runs, in seconds, or NaN if none reached its end. `status` and `message` say
+    how the run ended.
     """
 
     method: str
@@ -150,7 +150,7 @@ def race(
 ) -> Result:
     """Measure every method at every setting.
 
-    `methods` is None for the default ones; `reference` is a solution to compare with, or None to compute one. Raises
+    `methods` is None for the default methods; `reference` is a solution to compare with, or None to compute one. Raises
     StatementError for bad arguments, and RunError if the run or the reference is too inaccurate to compare with.
     """
     labelled = _labelled_methods(methods)
@@ -190,7 +190,7 @@ class _Measurements:
         self.outputs = np.array(settings.times) if len(settings.times) > 1 else None
 
     def run(self, label: str, method: Integrator, settings: Sequence[float]) -> Iterator[Entry]:
-        """Yield the entries of a method, from the coarsest setting to the finest."""
+        """Yield the entries of a method, called `label`, from the coarsest setting to the finest."""
         late: float | None = None
         for setting in sorted(settings, reverse=True):
             entry = self._entry(label, method, setting, late)
@@ -221,7 +221,10 @@ class _Measurements:
         return replace(blank, error=max(error, bound), resolved=error > bound, time=seconds, timed=timed)
 
     def _timed(self, run: Callable[[], FloatArray], single: float) -> tuple[float, int]:
-        """Return the shortest time of a run in seconds, and the number of timings; `single` is a rough estimate."""
+        """Return the shortest time of `run` in seconds, and the number of timings.
+
+        `single` is the time of one earlier run in seconds.
+        """
         least, timed = math.inf, 0
         count = max(1, math.ceil(SHORTEST_TIMING / max(single, 1e-9)))
         began = time.perf_counter()
@@ -295,7 +298,10 @@ def _sizes(what: str, sizes: Any) -> tuple[float, ...]:
 
 
 def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
-    """Return pairs (distinct label, method); a name that occurs again gets a number. None means the default methods."""
+    """Return pairs (distinct label, method) for names or instances; None means the default methods.
+
+    A name that occurs again gets a number as suffix.
+    """
     if methods is None:
         chosen: list[Any] = list(RACED)
     else:
@@ -320,9 +326,9 @@ def _fine_run(
     parameters: Mapping[Any, Any] | None,
     max_wall: float,
 ) -> tuple[Trajectory, dict[Any, float]]:
-    """Return the fine preliminary run, and the values of the parameters. Raises RunError if it does not reach its end.
+    """Return a preliminary run at a tight tolerance, and the values of the parameters.
 
-    The run gives the magnitudes of the states and the growth of errors.
+    The run gives the magnitudes of the states and the growth of errors. Raises RunError if it does not reach its end.
     """
     run, values = trajectory_of(
         model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
@@ -347,7 +353,7 @@ def _step_sizes(problem: Problem) -> tuple[float, ...]:
 
 
 def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield at most one note on the growth of errors, which affects all methods."""
+    """Yield a note on the growth of errors, which affects all methods, if they grow much."""
     if effect.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
         yield (
             f"No method can win: an error grows up to {effect.growth:.0e} times, and rounding a single state to double "

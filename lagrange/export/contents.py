@@ -54,9 +54,9 @@ MAIN_RTOL = 1e-12
 
 @dataclass(frozen=True)
 class ExportContents:
-    """The contents of an export: names of quantities, and names of methods with their steps, both in order.
+    """The contents of an export: names of quantities, and pairs of the name of a method and its step program.
 
-    `main` and `taylor` are True if the run and the Taylor integrator are among them.
+    `main` is True if a run of the initial state is exported, `taylor` if the Taylor integrator is.
     """
 
     quantities: tuple[str, ...]
@@ -72,7 +72,10 @@ def wanted(
     events: Sequence[Event],
     parameters: Mapping[Any, Any] | None,
 ) -> ExportContents:
-    """Return the requested contents. Raises StatementError for contents that the system or the target do not have."""
+    """Return the contents to export: the requested ones, and others that these need.
+
+    Raises StatementError for contents that the system or the target does not have.
+    """
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
@@ -105,7 +108,7 @@ def _adaptive(name: str) -> bool:
 def _refuse(
     target: Target, model: Model, names: Sequence[str], methods: Sequence[str], events: Sequence[Event]
 ) -> None:
-    """Raise StatementError for contents that the system or the target do not have."""
+    """Raise StatementError for contents that the system or the target does not have."""
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:
         if name not in registry.names():
@@ -178,14 +181,14 @@ def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
 
 
 def _explicit(name: str) -> StepProgram | None:
-    """Return the program of a step of an explicit method, or None for any other method."""
+    """Return the step program of an explicit method by name, or None for any other method."""
     program = getattr(registry.find(name), "program", None)
     explicit = isinstance(program, StepProgram) and not program.solves and program.starter is None
     return program if explicit else None
 
 
 def step_of(name: str) -> StepProgram:
-    """Return the program of a step of an explicit method. Raises StatementError for any other method."""
+    """Return the step program of an explicit method by name. Raises StatementError for any other method."""
     program = _explicit(name)
     if program is not None:
         return program
@@ -198,7 +201,10 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
+    """Return the language-independent module of a model with the contents `asked`.
+
+    Raises StatementError for a parameter without a value.
+    """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
@@ -257,7 +263,10 @@ def module_of(
 
 
 def names_of(model: Model) -> ValueNames:
-    """Return the names of values: entries of the matrix [[M, G^T], [G, 0]] are named by coordinates and constraints."""
+    """Return names for the values in an exported file; entries of the matrix [[M, G^T], [G, 0]] get names, too.
+
+    The name of an entry contains the names of its coordinates or of its constraint.
+    """
     statement, equations = model.statement, model.equations
     rows, entries = [*statement.names, *equations.constraints.names], dict[node.Node, str]()
     for i, row in enumerate(equations.matrix):
@@ -303,9 +312,10 @@ def _integrator(
     *,
     relations: bool,
 ) -> ExportedIntegrator:
-    """Return the integrator of a method: one step, or a run with error control.
+    """Return the integrator of the method `name`: a procedure for one step, or for a run with error control.
 
-    It calls the law of the step among the `procedures`, and the projection if they contain one.
+    The procedure calls the right-hand side of the method, one of `procedures`, and the projection if it is one of them.
+    `relations` is true if some coordinates have no inertia.
     """
     identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law}
@@ -322,9 +332,10 @@ def _integrator(
 
 
 def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
-    """Return the Taylor integrator, whose prepared numbers start at place `begin`.
+    """Return the Taylor integrator; `begin` is the index of its first number among the prepared numbers.
 
-    Raises StatementError for a system with switching surfaces.
+    `projection` moves the state onto the constraints, or is None. Raises StatementError for a system with switching
+    surfaces.
     """
     least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
     relations = bool(model.equations.first_order)
@@ -360,7 +371,7 @@ def _unit(name: str, model: Model) -> str:
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
-    """Return the names of the entries that a quantity returns."""
+    """Return the names of the numbers that a quantity returns, in order."""
     names = model.statement.names
     rates = [*(f"{each}_dot" for each in names), *(f"{each}_ddot" for each in names)]
     state = [*names, *(f"{each}_dot" for each in names)]
@@ -399,9 +410,9 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program of the matrix entries that solutions are divided by without a test, or None if there are none.
+    """Return a program for the matrix entries by which solutions are divided without a test, or None without any.
 
-    These are the entries of blocks with one unknown. An entry that is a nonzero constant is left out.
+    They are the entries of blocks with one unknown. An entry that is a nonzero constant is left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
@@ -410,7 +421,7 @@ def divisors(model: Model) -> Program | None:
 
 
 def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
-    """Return the indices among the prepared numbers of the entries that depend on parameters alone."""
+    """Return the places among the prepared numbers of those outputs of `entries` that depend on parameters alone."""
     slots, code = prepared.of_program(entries), entries.instructions
     return [
         code[ref].place if code[ref].op == "parameter" else slots[ref]

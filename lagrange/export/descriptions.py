@@ -1,4 +1,4 @@
-"""Texts of the comments of an exported file, for every language: the statement at its top, arrays, codes and tests."""
+"""Comments of an exported file, in words that fit every language: the statement at its top, arrays, codes and tests."""
 
 from __future__ import annotations
 
@@ -29,16 +29,19 @@ TEST = (
 
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
-    """Return the list of the names in an array by index, such as "y[0] theta, y[1] theta_dot".
+    """Return the names of the entries of an array with their indices, such as "y[0] theta, y[1] theta_dot".
 
-    `element` is the template of an element in a language that counts from `first`.
+    `element` is the template of an entry in the language, and `first` the index of the first entry.
     """
     shown = [f"{element.format(array, k)}{TOGETHER}{name}" for k, name in enumerate(names, first)]
     return ", ".join(shown) or f"{array} is empty"
 
 
 def named_places(module: SourceModule, array: str) -> Iterator[str]:
-    """Yield lines of Python: comments on the entries of the state and of an array of parameters, names and values."""
+    """Yield lines of Python: comments on the entries of y and of the parameters, their names and default values.
+
+    `array` is the name of the array of parameters.
+    """
     yield ""
     yield from commented(places("y", module.state), "#")
     yield from commented(places(array, module.parameters), "#")
@@ -62,12 +65,15 @@ OUTCOMES: Mapping[Outcome, str] = {
 
 
 def statement_comment(module: SourceModule, mark: str) -> list[str]:
-    """Return the comment lines at the top, each after `mark`: the statement of the system."""
+    """Return the comment at the top of a file, the statement of the system; each line begins with `mark`."""
     return [f"{mark} {plain(line)}".rstrip() for line in module.statement]
 
 
 def statuses(regular: str, singular: str) -> str:
-    """Return the sentence on the result codes of quantities, `regular` and `singular` in a language."""
+    """Return a sentence on the result of the functions of quantities.
+
+    `regular` and `singular` are the two results, as the language writes them.
+    """
     return (
         f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
         "then not to be used."
@@ -75,17 +81,20 @@ def statuses(regular: str, singular: str) -> str:
 
 
 def outcomes() -> str:
-    """Return the sentence on the codes that integrators return."""
+    """Return a sentence that explains the codes returned by integrators."""
     return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
 
 
 def outcome_codes() -> list[tuple[str, int, str]]:
-    """Return the codes that integrators return: a name such as "NON_FINITE", the number, and the meaning."""
+    """Return (name, number, meaning) of each code that integrators return; a name is such as "NON_FINITE"."""
     return [(code.name, int(code), text) for code, text in OUTCOMES.items()]
 
 
 def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
-    """Return constants for the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0)."""
+    """Return names for the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0).
+
+    `first` is the index of the first entry of an array in the language.
+    """
     named = [*((f"Y_{name}", k) for k, name in enumerate(module.state, first))]
     named += [(f"PARAMETER_{name}", k) for k, name in enumerate(module.parameters, first)]
     names = distinct([name for name, _ in named], key=str.upper)
@@ -93,7 +102,7 @@ def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
 
 
 def outcome_texts(quote: str = '"') -> list[str]:
-    """Return the meaning of each code of integrators, from 0 on, as quoted strings; quotes inside are doubled."""
+    """Return the meanings of the codes 0, 1, ... of integrators as quoted strings; quotes inside are doubled."""
     texts = [OUTCOMES.get(code, "the run ended early") for code in Outcome]
     return [f"{quote}{text.replace(quote, 2 * quote)}{quote}" for text in texts]
 
@@ -107,9 +116,9 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
 
 
 def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
-    """Return the lengths of all arrays: a name, the length, and a description of the counted numbers.
+    """Return the lengths of all arrays as (name, length, description of the entries).
 
-    `prepared` is the length of p, by default that of languages with loops.
+    `prepared` is the length of p in the language; None is its length in languages with loops.
     """
     length = module.prepared if prepared is None else prepared
     return [
@@ -124,7 +133,7 @@ def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, 
 
 
 def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
-    """Return the array arguments of a public function by name, with the number of entries that it uses."""
+    """Return the number of entries that a public function uses of each array argument, by the argument's name."""
     arrays = {parameter.name: parameter.type for parameter in procedure.parameters if isinstance(parameter.type, Array)}
     sizes_by_name = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
     return {name: length for name, length in sizes_by_name.items() if length}
@@ -148,7 +157,7 @@ def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
 
 
 def records_of(procedures: Sequence[Procedure]) -> list[Record]:
-    """Return every record type that some procedures use, each once."""
+    """Return the record types that the procedures use, each once."""
     records: dict[Record, None] = {}
     for procedure in procedures:
         records |= dict.fromkeys(
@@ -224,7 +233,7 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
 
 
 def _told(event: Event, write: Callable[[Any], str]) -> str:
-    """Return the text that follows the expression of an event: its direction, end of the run, and reset."""
+    """Return the text after the expression of an event: its direction, its reset, and whether it ends the run."""
     said = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
     said += [f"terminal at occurrence {event.terminal}"] * (event.terminal > 0)
     said += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
@@ -232,7 +241,7 @@ def _told(event: Event, write: Callable[[Any], str]) -> str:
 
 
 def _writer(statement: Statement) -> Callable[[Any], str]:
-    """Return the function that writes an expression as text: in textbook order, or for long ones in SymPy's order."""
+    """Return the function that writes an expression as text: in textbook order, or a long one in SymPy's order."""
     booklike = cache(lambda: Typesetter(statement, Notation()))
     printer, plain = StrPrinter({"order": "none"}), statement.plain
 

@@ -1,7 +1,7 @@
 """Solve symmetric linear systems: plain functions, and their text in languages that print straight lines.
 
-Matrices that are not definite, as those of constraints, need row exchanges, which depend on numbers: these functions
-are all that has loops in such a file.
+Matrices that are not definite, such as those of constraints, need row exchanges, which depend on the numbers in the
+matrix. So only these functions have loops in a file without integrators.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ ROWS = 3
 def factored(n: int, a: Any) -> bool:
     """Replace the lower triangle in `a` (n + 3, n) by factors L U; return True if the matrix is singular to round-off.
 
-    A positive definite matrix is eliminated in its upper triangle, which takes half of the time. Otherwise rows are
-    exchanged; a row of a constraint is preferred to that of an inertia, which may be rounding alone.
+    A positive definite matrix is eliminated in its upper triangle, which takes half of the time. In any other matrix
+    rows are exchanged. The row of a constraint is preferred to the row of an inertia, which may be nothing but
+    rounding.
     """
     scaled(n, a)
     definite = True
@@ -75,11 +76,11 @@ def factored(n: int, a: Any) -> bool:
 
 
 def scaled(n: int, a: Any) -> None:
-    """Fill the upper triangle of `a`, and scale rows and columns by units, so that no unit of a user decides.
+    """Fill the upper triangle of `a`, and scale rows and columns, so that pivots do not depend on the user's units.
 
-    Diagonal entries become one in size. Of rows without one, constraints and coordinates without inertia, the largest
-    entry becomes one; constraints come last, and are scaled first. The units are those of
-    `lagrange.algorithm.linear.pivoted`.
+    Diagonal entries become one in size. Rows with a zero on the diagonal belong to constraints and to coordinates
+    without inertia. Their largest entry becomes one; constraints are the last rows, and are scaled first. The factors
+    are those of `lagrange.algorithm.linear.pivoted`.
     """
     for i in range(n):
         a[n, i] = float(i)
@@ -106,7 +107,7 @@ def scaled(n: int, a: Any) -> None:
 
 
 def solved(n: int, a: Any, right: Any, x: Any) -> None:
-    """Write the solution of a system with the right-hand side `right` (n,) into `x` (n,); `a` is factored."""
+    """Write the solution of a linear system to `x` (n,); `a` is from `factored`, `right` (n,) the right-hand side."""
     for i in range(n):
         row = int(a[n, i])
         x[i] = a[n + 1, row] * right[row]
@@ -123,13 +124,15 @@ def solved(n: int, a: Any, right: Any, x: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Statements:
-    """Spellings of operations, literals and statements in a language.
+    """Spellings of operations, literals and statements in a language, as templates.
 
-    `first` is the index of the first element; if it is 1, the last index of a loop belongs to it. `store` is a template
-    of a variable's name and its new value; `local` that of a local variable at its first assignment, with {mut} for a
-    Rust variable that changes; `element` and `entry` are those of a vector and a matrix. `loop` and `back` are
-    templates of an index, its first value and its end, `when` that of a condition. `to_real` and `to_index` convert
-    indices, and `leave` ends the function with its result.
+    - `first` is the index of the first element; if it is 1, a loop includes its end.
+    - `store` assigns a value to a variable. `local` is the first assignment to a local variable; {mut} is Rust's mut.
+    - `element` and `entry` are an element of a vector and an entry of a matrix.
+    - `loop` and `back` begin a loop, forwards and backwards, from an index, its first value and its end.
+    - `when` begins a branch with a condition; `end_loop` and `end_when` end a loop and a branch.
+    - `to_real` and `to_index` convert an index to a number and a number to an index.
+    - `leave` ends the function with its result.
     """
 
     operations: Mapping[str, Operator]
@@ -162,7 +165,7 @@ def body(function: Callable[..., Any], statements: Statements) -> list[str]:
 
 
 def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
-    """Return the statements of a function, with those of `scaled` in place of its call."""
+    """Return the syntax trees of a function's statements, with the statements of `scaled` in place of its call."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(tree, ast.FunctionDef)
     _, first, *rest = tree.body
@@ -170,7 +173,7 @@ def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
 
 
 def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
-    """Return the local variables of some statements; the value is True for those that are assigned more than once."""
+    """Return the names of local variables, each with True if it is assigned more than once."""
     names = [
         target.id
         for statement in statements
@@ -183,7 +186,7 @@ def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
 
 
 class _Printer:
-    """Prints statements; indices of loops are those of the language."""
+    """Prints the syntax trees of statements in a language; loop indices count from the language's first index."""
 
     def __init__(self, statements: Statements, changed: Mapping[str, bool]) -> None:
         self.statements, self.changed = statements, changed
@@ -232,7 +235,7 @@ class _Printer:
         return template.format(name=name, value=self.text(value), mut="mut " * self.changed[name])
 
     def index(self, one: ast.expr) -> str:
-        """Return the text of an index: a variable as it is, a number counted from the language's first index."""
+        """Return the text of an index: a variable as it is, a number shifted by the language's first index."""
         added, base = self.statements.first, one
         if isinstance(one, ast.BinOp) and isinstance(one.right, ast.Constant) and isinstance(one.right.value, int):
             added, base = added + one.right.value, one.left

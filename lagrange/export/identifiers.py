@@ -39,7 +39,7 @@ def distinct(
 ) -> tuple[str, ...]:
     """Return distinct legal names in order; a name that is taken or reserved gets a number as suffix.
 
-    `key` maps names that a language does not distinguish to the same text, such as `str.lower`.
+    Two names count as the same if `key` maps them to the same text: `str.lower` for a language that ignores case.
     """
     taken, legal_names = {key(word) for word in reserved}, []
     for name in names:
@@ -62,7 +62,10 @@ DEFAULT_LINE_LENGTH = 120
 
 
 def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> list[str]:
-    """Return a statement as lines of at most `room` characters, broken at spaces; all but the last end with `mark`."""
+    """Return a statement as lines of at most `room` characters, broken at spaces; all but the last end with `mark`.
+
+    A line without a space to break at stays longer.
+    """
     indent, lines = " " * (len(line) - len(line.lstrip()) + 4), []
     while len(line) > room:
         cut = line.rfind(" ", len(indent), room - len(mark))
@@ -74,7 +77,7 @@ def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> lis
 
 
 def number_lines(values: Iterable[str], indent: str, width: int = 110, end: str = ",") -> list[str]:
-    """Return literals on lines of a width. `end` is the comma that follows each literal."""
+    """Return number literals, each followed by the comma `end`, on indented lines of at most `width` characters."""
     text = textwrap.wrap(" ".join(f"{value}{end}" for value in values), width - len(indent), break_long_words=False)
     return [f"{indent}{line}" for line in text]
 
@@ -84,7 +87,7 @@ TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
 
 
 def plain(text: str) -> str:
-    """Return a text in ASCII without the end mark of a comment; Greek letters are spelled by name."""
+    """Return a text in ASCII that cannot end a comment; Greek letters are spelled by name."""
     spelled = "".join(map(spelled_letter, text))
     ascii_only = unicodedata.normalize("NFKD", spelled).encode("ascii", "replace").decode("ascii")
     printable = "".join(letter if letter.isprintable() else " " for letter in ascii_only)
@@ -92,7 +95,7 @@ def plain(text: str) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return a text in lines of a width, at least one; a line that goes on is indented."""
+    """Return a text as lines of at most `width` characters, at least one line; continuation lines are indented."""
     ascii_text = KEPT.join(map(plain, text.split(TOGETHER)))
     lines = textwrap.wrap(ascii_text, width, subsequent_indent="  ", break_long_words=False)
     return [line.replace(KEPT, " ") for line in lines] or [""]

@@ -12,9 +12,10 @@ from lagrange.program.program import Instruction, Program
 
 @dataclass(frozen=True, eq=False)
 class ExportedQuantity:
-    """A function of time, state and prepared numbers: its results by name, in C order, their shape, and their unit.
+    """A function of time, state and prepared numbers. Its results have names, a shape, and a common unit.
 
-    `program` is its formula, for languages without assignment; `procedure` is its code, for the other languages.
+    `results` are in C order. `program` is its formula, for languages without loops. `procedure` is its code, for the
+    other languages.
     """
 
     name: str
@@ -30,7 +31,7 @@ class ExportedQuantity:
 class ExportedIntegrator:
     """An exported integrator: one step, or a run to an end time if `adaptive`.
 
-    Its parameters are those of its procedure.
+    The parameters of the exported function are those of `procedure`.
     """
 
     name: str
@@ -41,10 +42,10 @@ class ExportedIntegrator:
 
 @dataclass(frozen=True, eq=False)
 class ValueNames:
-    """Names of values in a file: those of the state, of parameters, and of the results of the program `matrix`.
+    """Names for values in an exported file: of the state, of parameters, and of matrix entries.
 
-    `matrix` computes the entries of the matrix that gives the accelerations. Without names of the state or of
-    parameters these have none.
+    `matrix` is the program whose results are the matrix entries of the linear system for the accelerations; `entries`
+    are the names of these results. Where `state` or `parameters` is empty, values of that kind get no name.
     """
 
     state: tuple[str, ...]
@@ -53,7 +54,7 @@ class ValueNames:
     matrix: Program
 
     def of(self, program: Program) -> dict[int, str]:
-        """Return the names of values of a program, by instruction."""
+        """Return the names of values in a program, by the index of the instruction that computes or reads the value."""
         numbers: dict[Instruction, int] = {}
         entries, values = numbered(self.matrix, numbers), numbered(program, numbers)
         matrix = {entries[ref]: name for ref, name in zip(self.matrix.outputs, self.entries, strict=True)}
@@ -68,9 +69,9 @@ class ValueNames:
 
 
 def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
-    """Return a number for each instruction of a program, the same for instructions with equal values.
+    """Return a number for each instruction of a program; instructions with equal values have the same number.
 
-    `numbers` collects the numbers of several programs.
+    `numbers` stores the numbers that are in use, also those of other programs.
     """
     result: list[int] = []
     for instruction in program.instructions:
@@ -97,7 +98,7 @@ class Check:
 
 @dataclass(frozen=True)
 class StepCheck:
-    """The test of an integrator: `result` is the state after `length` from `state` (2n,) at `time`.
+    """The test of an integrator: from `state` (2n,) at `time`, the state after the time `length` is `result` (2n,).
 
     `length` is the step, or the duration of an adaptive run. `allowed` (2n,) are the allowed absolute errors.
     """
@@ -112,7 +113,7 @@ class StepCheck:
 
 @dataclass(frozen=True)
 class ExportedRun:
-    """The run of `main`: from the initial state to `t_end`; its table has `intervals` + 1 rows."""
+    """The run of `main` from the initial state to `t_end`; `main` prints a table of `intervals` + 1 rows."""
 
     initial: tuple[float, ...]
     t_end: float
@@ -124,11 +125,13 @@ class ExportedRun:
 class SourceModule:
     """The content of an exported file, independent of a language.
 
-    `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated. `values` are
-    the values of the parameters, `inputs` the names of those that may change during a run. `units` are the stated
-    units of state, parameters and t. `statement` are lines of text about the system. `prepare` computes the numbers
-    that depend on parameters alone; there are `prepared` of them, the parameters first. `divisors` computes the entries
-    of the matrix that are divided by without a test; `names` are those of values.
+    - `statement` are lines of text about the system.
+    - `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated.
+    - `values` are the values of the parameters, `inputs` the names of the parameters that may change during a run.
+    - `units` are the stated units of state, parameters and t.
+    - `names` are the names of values in the formulas.
+    - `prepare` computes the `prepared` numbers: the parameters, then all values that depend on parameters alone.
+    - `divisors` computes the matrix entries that divide a solution without a test for zero.
     """
 
     name: str

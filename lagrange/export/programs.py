@@ -1,6 +1,6 @@
 """The programs beside an exported file: its self-test, and `main`, which runs the initial state.
 
-Both are described here for all languages. A `Script` holds their text in a language: templates with fields in braces.
+The same code fills in both programs for all languages. A `Script` has their templates in one language.
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 
 @dataclass(frozen=True)
 class Script:
-    """The self-test and `main` in a language.
+    """Templates of the self-test and of `main` in a language, with fields in braces.
 
-    `comment` writes a comment. `head` and `tail` enclose the tests. `quantity` is the test of a function of time and
-    state, `integrator` that of a step or run; {tables} in them are the lists of numbers, each by the template `table`,
-    in several parts if it has more than `chunk` numbers. `more` ends a line that the next one continues. `time` writes
-    the start time of a run, which changes during it. `main` is empty in languages without integrators.
+    - `comment` writes a comment. `head` and `tail` enclose the tests.
+    - `quantity` is the test of a quantity, `integrator` the test of a step or run. Their {tables} are lists of numbers.
+    - `table` is the template of one list; a list of more than `chunk` numbers is split into several.
+    - `more` ends a line that continues on the next line.
+    - `time` writes the start time of a run, as an argument that the run changes.
+    - `main` is empty in languages without integrators.
     """
 
     comment: Callable[[str], Sequence[str]]
@@ -45,14 +47,14 @@ class Script:
 
 
 def marked(mark: str) -> Callable[[str], Sequence[str]]:
-    """Return a function that writes a comment, each line after a mark."""
+    """Return a function that returns a text as comment lines, each after `mark`."""
     return lambda text: commented(text, mark)
 
 
 def test_text(module: SourceModule, script: Script, **given: object) -> str:
-    """Return the self-test: a program that compares results with those of multiple precision.
+    """Return the self-test: a program that compares results with results of multiple precision.
 
-    `given` are fields of the templates beside those of `fields_of`.
+    `given` are further fields of the templates, beside those of `fields_of`.
     """
     fields = {**fields_of(module), **given}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
@@ -84,7 +86,7 @@ def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> d
 
 
 def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """Yield the lists of numbers of a test, each in the language's template for a list."""
+    """Yield the text of each list of numbers of a test; `lists` has the lists by name."""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
             part = values[begin : begin + script.chunk] if script.chunk else values
@@ -99,7 +101,7 @@ def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[st
 
 
 def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
-    """Return the arguments of an integrator in its test, in order."""
+    """Return the text of the arguments with which a test calls an integrator."""
     integrator, literals = integrator_of(module, check.name), script.literals
     begin = literals.real(check.time)
     texts = {"y": "y", "p": "p"}
@@ -113,7 +115,10 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
 
 
 def main_text(module: SourceModule, script: Script, **given: object) -> str:
-    """Return the program that runs the initial state and writes the table, for a module that exports a run."""
+    """Return the program that runs the initial state and prints the table.
+
+    `given` are further fields of the template. The module has a run.
+    """
     exported = run_of(module)
     assert exported is not None
     run, integrator = exported

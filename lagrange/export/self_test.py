@@ -41,7 +41,10 @@ Evaluation = Callable[[float, Sequence[float]], list[float] | None]
 
 
 def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
-    """Return a procedure of a quantity as a Python function; `prepared` are its numbers, `count` its results."""
+    """Return the procedure of a quantity as a Python function of t and y, which returns None if a matrix is singular.
+
+    `prepared` are the prepared numbers, `count` is the number of results.
+    """
     run = loaded(procedure)
 
     def evaluation(t: float, y: Sequence[float]) -> list[float] | None:
@@ -57,7 +60,7 @@ def check_of(name: str, program: Program, own: Evaluation, statement: Statement,
 
     States are drawn near the initial state, with the default parameters. Preferred are states at which doubles
     reproduce every result with a relative error of 2e-14. At other states the allowed error is 1e-12 of the largest
-    result there, as the file says. Raises StatementError if too few states have values.
+    result there, and the comments of the file say so. Raises StatementError if too few states have values.
     """
     states = list(_states(statement))
     states.sort(key=lambda state: _sensitivity(own, *state) > WELL_CONDITIONED)
@@ -88,7 +91,7 @@ def _no_states(
     statement: Statement,
     parameters: Sequence[float],
 ) -> StatementError:
-    """Return the error for a quantity without a test, caused by parameters that are zero, or by the states."""
+    """Return the error for a quantity with too few test states, because of zero parameters or missing values."""
     missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
     other = [value or 1.0 for value in parameters]
     if any(_exact(program, t, y, parameters) for t, y in states) or not any(
@@ -111,7 +114,7 @@ def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
 class _Case:
     """A test state with its results and allowed errors.
 
-    `relative` is true if doubles reproduce each result to its own relative precision.
+    `relative` is true if doubles reproduce each result with a small error relative to that result.
     """
 
     def __init__(self, t: float, y: tuple[float, ...], results: tuple[float, ...], errors: Sequence[float]) -> None:
@@ -144,7 +147,7 @@ def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
 def _case(
     program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> _Case | None:
-    """Return a state with its results, or None if they do not exist in multiple precision or in doubles."""
+    """Return a test state with its results, or None if these do not exist in multiple precision or in doubles."""
     computed = own(t, y)
     if computed is None or not all(map(math.isfinite, computed)):
         return None
@@ -168,7 +171,10 @@ STEP_TOLERANCE = 1e-11
 
 
 def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
-    """Return the prepared numbers (size,) for given parameters. Raises StatementError if a matrix is singular."""
+    """Return the prepared numbers (size,) for these parameters, as `preparing` computes them.
+
+    Raises StatementError if a matrix is singular.
+    """
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
         raise StatementError(
@@ -189,8 +195,8 @@ MOST_TRIES = 50
 def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Statement) -> StepCheck:
     """Return the test of an integrator; the expected result is that of its procedure, run in Python.
 
-    It starts from the initial state, or from a state near it if the step fails there. Raises StatementError if the step
-    fails from every state that is tried.
+    It starts from the initial state, or from a state near it if the step fails there. `p` are the prepared numbers.
+    Raises StatementError if the step fails from every state that is tried.
     """
 
     def adaptive(t: float, t_end: float, y: memoryview) -> tuple[Outcome, float]:

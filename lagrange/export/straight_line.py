@@ -1,7 +1,7 @@
 """Print programs as functions without loops, for languages without integrators.
 
-A `Language` is a table of spellings; its file adds the frame of a module and of a function. Names are made here and
-literals are exact, so nothing of a user's text is run.
+A `Language` is a table of spellings. The file of a language adds the text around functions and modules. Names are made
+here and literals are exact, so no text of a user is run.
 """
 
 from __future__ import annotations
@@ -38,14 +38,15 @@ GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
 
 @dataclass(frozen=True, kw_only=True)
 class Language(Statements):
-    """The spellings of a language, or of a library of Python.
+    """The spellings of a language, or of a library of Python, as templates.
 
-    `operations` has a template for every operation. `helpers` are definitions that a file contains if it uses the
-    operation; `needs` are operations that a definition uses. `define` is a template of a value's name, the value and
-    its {type}, one of `types`, of numbers and conditions. `condition` makes a condition of a number, `number` a number
-    of a condition; languages that need neither have None. `matrix`, `entry`, `factor` and `solve` are the lines that
-    factor a matrix and solve a linear system; without `entry` the call of `factor` takes all entries. `factored` and
-    `solved` are the head and the end of the functions that these lines call.
+    - `operations` has a template for every operation.
+    - `helpers` are definitions that a file contains if it uses the operation; `needs` are operations that these use.
+    - `define` defines a value by its name, its text and its {type}, one of `types`: of a number or of a condition.
+    - `condition` converts a number to a condition, `number` a condition to a number; None if no conversion is needed.
+    - `factor` and `solve` are the lines that factor a matrix and solve a linear system. `matrix` declares a matrix and
+      `entry` sets an entry; if `entry` is empty, `factor` takes all entries.
+    - `factored` and `solved` are the head and the end of the functions that these lines call.
     """
 
     name: str
@@ -64,15 +65,15 @@ class Language(Statements):
     solved: tuple[str, str] = ("", "")
 
     def with_needs(self, ops: Iterable[str]) -> list[str]:
-        """Return some operations in alphabetical order, with those that their definitions use."""
+        """Return the operations `ops` and the operations that their definitions use, in alphabetical order."""
         return sorted({need for op in ops for need in (op, *self.needs.get(op, ()))})
 
     def definitions(self, ops: Iterable[str]) -> list[str]:
-        """Return the definitions that functions with some operations need."""
+        """Return the definitions that a file needs if its functions use the operations `ops`."""
         return [self.helpers[op] for op in self.with_needs(ops) if op in self.helpers]
 
     def systems(self, ops: Iterable[str]) -> Iterator[str]:
-        """Yield the lines of the functions for linear systems, each followed by a blank line, if they are needed."""
+        """Yield the lines of the functions for linear systems, each followed by a blank line, if `ops` need them."""
         if "factor" in ops:
             for function, (head, end) in ((factored, self.factored), (solved, self.solved)):
                 yield from head.splitlines()
@@ -81,10 +82,11 @@ class Language(Statements):
 
 
 class StraightLinePrinter:
-    """Prints the instructions of a program, each value that is read more than once under a name.
+    """Prints the instructions of a program; a value that is read more than once gets a name.
 
-    `names` are those of values by instruction; without them `y0` and `p0` are names that the frame defines. `kept` are
-    the indices in p of values that are prepared.
+    `names` maps the index of an instruction to the name of its value. Without names the values of the state and the
+    parameters are called y0 and p0, which the surrounding text defines. `kept` maps an instruction to the index of its
+    prepared value in the array `parameters`.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class StraightLinePrinter:
         return self.lines
 
     def _read(self) -> list[int]:
-        """Return the values that the outputs need and that are not prepared."""
+        """Return the indices of the instructions that the outputs need, without values that are prepared."""
         refs: dict[int, None] = {}
         todo = list(self.program.outputs)
         while todo:
@@ -146,7 +148,7 @@ class StraightLinePrinter:
         )
 
     def element(self, array: str, place: int) -> str:
-        """Return the text of an entry of an argument array."""
+        """Return the text of entry `place` of an argument array."""
         self.unused.pop(array, None)
         return self.language.element.format(array, place + self.language.first)
 
@@ -177,7 +179,7 @@ class StraightLinePrinter:
                 self._operation(i, one)
 
     def _factor(self, i: int, one: Instruction) -> None:
-        """Print the factorization of a symmetric matrix, instruction number `i`."""
+        """Print the factorization of a symmetric matrix, instruction number `i`, `one`."""
         name, n, language = f"f{i}", one.order, self.language
         self.needed["factor"] = None
         self.vectors[i] = name
@@ -199,7 +201,7 @@ class StraightLinePrinter:
         self.lines += template.format(**fields, other=other, entries=entries).splitlines()
 
     def _operation(self, i: int, one: Instruction) -> None:
-        """Print an operation, or store its text if only one other operation reads it."""
+        """Print instruction number `i`, `one`, or store its text if only one other operation reads the value."""
         kind = FLAG if one.op in FLAGS else REAL
         if all(arg in self.constants for arg in one.args):
             # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
@@ -227,21 +229,24 @@ class StraightLinePrinter:
         return self.program.instructions[ref].op in FLAGS
 
     def _wrapped(self, ref: int, least: int, operator: Operator | None) -> str:
-        """Return the text of a value, inside an operator if one is given."""
+        """Return the text of value `ref` as the operand of `operator`, or alone if it is None.
+
+        It is in parentheses if its precedence is below `least`.
+        """
         if operator is None:
             return self.text(ref, least)
         text = operator.text.format(self.text(ref, (operator.operands or (0,))[0]))
         return text if operator.binds >= least else f"({text})"
 
     def number(self, ref: int, least: int = 0) -> str:
-        """Return a value as a number, in parentheses if its precedence is below `least`.
+        """Return the text of value `ref` as a number, in parentheses if its precedence is below `least`.
 
         A condition becomes one or zero.
         """
         return self._wrapped(ref, least, self.language.number if self._is_flag(ref) else None)
 
     def condition(self, ref: int, least: int = 0) -> str:
-        """Return a value as a condition, in parentheses if its precedence is below `least`.
+        """Return the text of value `ref` as a condition, in parentheses if its precedence is below `least`.
 
         A nonzero number is true.
         """
@@ -250,12 +255,15 @@ class StraightLinePrinter:
         return self._wrapped(ref, least, None if self._is_flag(ref) else self.language.condition)
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses if its precedence is below `least`."""
+        """Return the text of value `ref`, in parentheses if its precedence is below `least`."""
         level, operand = self.texts[ref]
         return operand if level >= least else f"({operand})"
 
     def status(self, more: Sequence[int] = ()) -> str:
-        """Return the condition that some matrix is singular; `more` are further conditions for it."""
+        """Return the text of the condition that a matrix is singular.
+
+        `more` are the indices of values that are further conditions, joined by "or".
+        """
         either = self.language.operations["or"]
         parts = [(ATOM, name) for name in self.singular] + [self.texts[ref] for ref in more]
         level, condition = parts[0] if parts else (ATOM, self.language.literals.flags[0])
@@ -290,9 +298,9 @@ def with_outputs(
 
 
 class Hoisted:
-    """Values of some programs that depend on parameters alone. They follow the parameters in p, an array of `size`.
+    """Values of programs that depend on parameters alone. They follow the parameters in the array p of length `size`.
 
-    `program` computes them. Linear systems and their solutions are not hoisted: factors are not numbers.
+    `program` computes these values. Solutions of linear systems are not among them, because factors are not numbers.
     """
 
     def __init__(self, programs: Sequence[Program], parameters: int) -> None:
@@ -319,23 +327,23 @@ class Hoisted:
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions to append to those of `program`, which find the results known here that are zero.
+        """Return instructions to append to those of `program`, which find hoisted results that are zero.
 
-        They are the number zero, and a comparison of each known result with it.
+        They are the number zero, and a comparison of each hoisted result of `program` with zero.
         """
         zero, table = len(self.program.instructions), self._merged[program]
         results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
         return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in results)]
 
     def kept(self, program: Program) -> Mapping[int, int]:
-        """Return the indices in p of the prepared values of a program."""
+        """Return the indices in p of the prepared values of a program, by the index of the instruction."""
         return self._kept.get(program, {})
 
 
 def checked(program: Program, divisors: Program) -> Program:
-    """Return a program with one more result, the condition that a divisor is zero and a result is not finite.
+    """Return a program with one more result: the condition that a divisor is zero and a result is not finite.
 
-    Blocks with one unknown are solved by a division, and formulas are simplified, so they need not compute a divisor.
+    `divisors` computes the divisors of blocks with one unknown. A simplified formula may not contain its divisor.
     """
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])
@@ -369,9 +377,10 @@ def checked(program: Program, divisors: Program) -> Program:
 
 @dataclass(frozen=True, eq=False)
 class PrintedFunction:
-    """A printed function: its lines, the condition that a matrix is singular, and the operations that it needs.
+    """A printed function: its lines, its condition that a matrix is singular, and the operations that it needs.
 
-    `declared` are its local variables, `unused` the arguments that it does not read.
+    `declared` are the type, the name and the dimensions of each local variable. `unused` are the arguments that the
+    function does not read.
     """
 
     lines: list[str]
@@ -382,7 +391,7 @@ class PrintedFunction:
 
 
 class PrintedFunctions:
-    """The functions of a module in a language. Without `statuses` they do not report a divisor that is zero."""
+    """The functions of a module in a language. With `statuses` they also report a divisor that is zero."""
 
     def __init__(self, module: SourceModule, language: Language, *, statuses: bool = True) -> None:
         self.module, self.language = module, language
@@ -406,13 +415,13 @@ class PrintedFunctions:
         return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
 
     def quantity(self, one: ExportedQuantity) -> PrintedFunction:
-        """Return the printed function that computes an exported quantity, and writes its values into `out`."""
+        """Return the printed function that computes the exported quantity `one`, and writes its values into `out`."""
         program = self.programs[one.name]
         printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
         return self._function(printer, "out", range(len(one.results)))
 
     def prepare(self) -> PrintedFunction:
-        """Return the function that writes the parameters, and all values that depend on them alone, into p."""
+        """Return the printed function that writes the parameters, and all values that depend on them alone, into p."""
         hoisted, count = self.hoisted, len(self.module.parameters)
         tests = hoisted.zeros(self.divisors) if self.divisors else []
         code = (*hoisted.program.instructions, *tests)

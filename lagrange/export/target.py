@@ -1,4 +1,4 @@
-"""Targets of `System.export`: their base class, and the table in which a name or an alias finds one.
+"""Targets of `System.export`: their base class, and a table to look them up by a name or an alias.
 
 `languages/__init__.py` lists the built-in ones; a language is loaded at its first use.
 """
@@ -27,13 +27,17 @@ SOLVED = ("rhs", "accelerations", "jacobian")
 
 
 class Target(ABC):
-    """A language or a format that models are written in.
+    """A language or a format to which models are exported.
 
-    `name` is the name for users, `about` a line about it. `contents` are the possible contents beside the quantities:
-    "steps" (a step of any explicit method, and runs with error control) or "runs" (one run with error control),
-    "taylor", and "main". A target without steps and runs leaves "main" to the program that reads the file. `always`
-    are contents that every file has because its format needs them. `inexpressible` are the operations without a
-    function in the language. Register a new class with `register`.
+    - `name` is the name for users, `about` a line about the target.
+    - `contents` are the possible contents beside the quantities: "steps" or "runs", "taylor", and "main". With "steps"
+      a file may have a step of any explicit method, and runs with error control; with "runs" one run with error
+      control.
+    - `always` are contents that every file has because its format needs them.
+    - `inexpressible` are the operations without a function in the language.
+
+    A target without "steps" and "runs" leaves "main" to the program that reads the file. Register a class with
+    `register`.
     """
 
     name: ClassVar[str]
@@ -44,14 +48,14 @@ class Target(ABC):
 
     @abstractmethod
     def files(self, module: SourceModule) -> Mapping[str, str | bytes]:
-        """Return the text of each file by its name."""
+        """Return the contents of each file, by its name."""
 
     @abstractmethod
     def commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that build and run the test in the folder of the files; exit status 0 if it passes."""
+        """Return shell lines that build and run the self-test in the folder of the files; they fail if it fails."""
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that build and run `main`, which writes its table, for a module with a run."""
+        """Return shell lines that build and run `main`, which prints a table; empty if the target has no `main`."""
         del module
         return []
 
@@ -78,9 +82,9 @@ def every_target() -> dict[str, Target]:
 
 
 def register(target: type[Target]) -> type[Target]:
-    """Register a target, so that `system.export` finds it in this process; a decorator of its class.
+    """Register a class as a target, so that `system.export` finds it in this process; use it as a decorator.
 
-    Raises StatementError for an argument that is not a subclass of `Target`, and for the name of another class.
+    Raises StatementError for an argument that is not a subclass of `Target`, and for a name that another class has.
     """
     if not (isinstance(target, type) and issubclass(target, Target)):
         raise StatementError(f"{target!r} is not a target: give a subclass of lagrange.export.target.Target.")
@@ -94,7 +98,7 @@ def register(target: type[Target]) -> type[Target]:
 
 
 class TargetTable(dict[str, str]):
-    """The name of each target with a line about it; prints as a table."""
+    """Dict from the name of each target to a line about it; prints as a table."""
 
     def __str__(self) -> str:
         wide = max(map(len, self), default=0) + 2
@@ -108,12 +112,12 @@ class TargetTable(dict[str, str]):
 
 
 def targets() -> TargetTable:
-    """Return the targets of `System.export`, {name: a line about it}."""
+    """Return a dict from the name of each target of `System.export` to a line about it."""
     return TargetTable({name: target.about for name, target in every_target().items()})
 
 
 def find(name: str) -> Target:
-    """Return a target by name or alias. Raises StatementError for an unknown name, with the known ones."""
+    """Return a target by name or alias. Raises StatementError for an unknown name, and lists the known names."""
     known = target_names()
     if isinstance(name, str) and name not in known:
         name = ALIASES.get(name.lower(), name)
@@ -121,7 +125,7 @@ def find(name: str) -> Target:
 
 
 def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
-    """Return the name of a quantity and of a function in it that a target cannot express, or None."""
+    """Return (quantity, operation) of the first operation that the target cannot express, or None."""
     operations = ((quantity.name, each.op) for quantity in module.quantities for each in quantity.program.instructions)
     return next((pair for pair in operations if pair[1] in target.inexpressible), None)
 

@@ -1,8 +1,8 @@
-"""Python functions for libraries that trace what a function does: straight lines, a module of them, and its test.
+"""Python modules for libraries that trace what a function does: functions without loops, a module, and its test.
 
-A library gives the spelling of every operation, and the text of `_factored(order, *lower)` and
-`_solved(factors, *right)`, which return the factors of a symmetric matrix, whether it is singular, and the solution of
-a linear system, a list.
+A library provides the spelling of every operation, and the text of two functions. `_factored(order, *lower)` returns
+the factors of a symmetric matrix, and whether it is singular. `_solved(factors, *right)` returns the solution of a
+linear system as a list.
 """
 
 from __future__ import annotations
@@ -147,10 +147,11 @@ contribute."""
 class Library:
     """A library of array functions: its spellings, and the texts of its files.
 
-    `head` are the lines that a file begins with, `setting` is a line after them in a module, and `systems` is the text
-    of functions for linear systems. `functions` returns the text of a program's functions, given their name and the
-    names of values by instruction. `use` says in a module how functions are called, and `alone` in the docstring of a
-    single one, {name}. `evaluated` is the text of `evaluated(function, times, states)`, which calls one in the test.
+    - `head` are the first lines of a file, and `setting` is a line that follows them in a module.
+    - `systems` is the text of the functions for linear systems.
+    - `functions` returns the text of a program's functions, from their name and the names of values by instruction.
+    - `use` explains in the docstring of a module how its functions are called; `alone` does so for a single function.
+    - `evaluated` is the text of `evaluated(function, times, states)`, with which the test calls a function.
     """
 
     language: Language
@@ -163,22 +164,22 @@ class Library:
     setting: str = ""
 
     def text_before(self, *programs: Program) -> str:
-        """Return the text before the functions of some programs: imports and the helpers that they need."""
+        """Return the text before the functions of the programs: imports and the helpers that the functions need."""
         used = dict.fromkeys(instruction.op for program in programs for instruction in program.instructions)
         parts = [self.head, *self.language.definitions(used), *([self.systems.strip()] if "factor" in used else [])]
         return "\n\n\n".join(parts)
 
     def source(self, program: Program, name: str, about: Sequence[str] = ()) -> str:
-        """Return a file with the functions of one program; `about` are lines of its docstring.
+        """Return the text of a file with the functions of one program; `about` are lines of its docstring.
 
-        Raises StatementError for mathematics that the library does not have.
+        Raises StatementError for an operation that the library does not have.
         """
         title = f"{name}(t, y, p) for {self.language.name}: {described(program)}."
         text = "\n".join([title, "", self.alone.format(name=name), *(("", *about) if about else ())])
         return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.functions(program, name, {})}'
 
     def module(self, module: SourceModule) -> str:
-        """Return a module with the functions of all quantities."""
+        """Return the text of a module with the functions of all quantities."""
         names = replace(module.names, state=(), parameters=(), entries=distinct(module.names.entries))
         head, *helpers = self.text_before(*(quantity.program for quantity in module.quantities)).split("\n\n\n")
         lines = [
@@ -200,7 +201,7 @@ class Library:
 
     @property
     def script(self) -> Script:
-        """Return the description of the self-test for this library."""
+        """Return the templates of the self-test for this library."""
         evaluated = self.evaluated.replace("{", "{{").replace("}", "}}")
         return Script(
             comment=marked("#"),
@@ -219,7 +220,7 @@ class TracedTarget(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and that of its test."""
+        """Return the module and its test, by file name."""
         name, library = f"{module.name}_{self.name}", self.library
         return {f"{name}.py": library.module(module), f"{name}_test.py": test_text(module, library.script, file=name)}
 
@@ -229,7 +230,7 @@ class TracedTarget(Target):
 
 
 def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str, str]) -> Language:
-    """Return the table of spellings of a library, from those of its functions."""
+    """Return the table of spellings of a library; `operations` and `helpers` are the spellings of its functions."""
     return Language(
         name=name,
         operations=operations,
@@ -241,9 +242,9 @@ def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str
 
 
 def function_body(program: Program, language: Language, names: Mapping[int, str]) -> tuple[list[str], str]:
-    """Return the lines that compute every result and list them in `results`, and the status, without indentation.
+    """Return lines without indentation that compute the list `results`, and the text of the status.
 
-    `names` are those of entries of the matrix, by instruction.
+    `names` maps an instruction's index to the name of a matrix entry.
     """
     printer = StraightLinePrinter(program, language, names)
     lines = []
@@ -257,7 +258,10 @@ def function_body(program: Program, language: Language, names: Mapping[int, str]
 
 
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
-    """Return a list or a call as lines. A long one is broken between its items; long items are broken too."""
+    """Return a list or a call as lines: `before`, such as "f(", the items, and `after`, such as ")".
+
+    If one line would be too long, the items are on several indented lines.
+    """
     line = f"{before}{', '.join(items)}{after}"
     if len(line) <= TEXT_WIDTH:
         return [line]
@@ -273,7 +277,7 @@ def described(program: Program) -> str:
 
 
 def block(named: ProgramBlock) -> str:
-    """Return the description of a block of results: its name with their number."""
+    """Return the description of a block of results: the name of the block and the number of its results."""
     return f"{named.name}[{named.size}]"
 
 

@@ -48,7 +48,10 @@ def export(
     events: Any,
     parameters: Mapping[Any, Any] | None,
 ) -> Exported:
-    """Write a model for a target into a folder, as `System.export` does. If that fails, new folders are removed."""
+    """Write a model for a target into a folder, as `System.export` does.
+
+    If this fails, folders that were created are removed.
+    """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
     folder, created = _folder(path)
@@ -66,9 +69,9 @@ def export(
 
 
 def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
-    """Return the folder to write to, made if it does not exist, and the new folders, innermost first.
+    """Return the path of the folder, created if it does not exist, and the list of created folders, innermost first.
 
-    Raises StatementError for a folder that cannot be made.
+    Raises StatementError for a folder that cannot be created.
     """
     folder = real_path(path)
     try:

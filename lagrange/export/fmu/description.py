@@ -24,9 +24,9 @@ RESULT, INDICATOR = "result", "indicator"
 
 @dataclass(frozen=True)
 class ScalarVariable:
-    """A real variable of an FMU; `start` is its initial value.
+    """A real variable of an FMU, with its reference number; `start` is its initial value, None without one.
 
-    `of` is used for the derivative of a state: it is the reference of that state.
+    For the derivative of a state, `of` is the reference of the state.
     """
 
     name: str
@@ -39,7 +39,7 @@ class ScalarVariable:
 
 
 def places(module: SourceModule) -> dict[str, int]:
-    """Return the reference of the first result of each quantity, those of rhs first."""
+    """Return for each quantity the reference number of its first result, the quantities in order with rhs first."""
     references, reference = {}, 1 + len(module.state) + len(module.parameters)
     for quantity in module.quantities:
         references[quantity.name] = reference
@@ -48,7 +48,7 @@ def places(module: SourceModule) -> dict[str, int]:
 
 
 def variables(module: SourceModule) -> list[ScalarVariable]:
-    """Return the variables in the order of their references: state, parameters, derivatives, results.
+    """Return the variables in the order of their reference numbers: state, parameters, derivatives, other results.
 
     Names are those of the statement; a name that is taken gets a number as suffix.
     """
@@ -69,7 +69,10 @@ def variables(module: SourceModule) -> list[ScalarVariable]:
 
 
 def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[ScalarVariable]:
-    """Yield the variables of results, quantity by quantity, for `rhs` the derivatives of the state."""
+    """Yield the variables for the results of each quantity; the results of `rhs` are the derivatives of the state.
+
+    `named` makes a name unique.
+    """
     first = places(module)
     for quantity in module.quantities:
         for k, name in enumerate(quantity.results):
@@ -86,7 +89,7 @@ def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Scal
 
 
 def _rate_unit(module: SourceModule, k: int) -> str:
-    """Return the unit of the derivative of an entry of the state, or "" if it is not stated."""
+    """Return the unit of the derivative of entry k of the state, or "" if it is not stated."""
     half = len(module.state) // 2
     if k < half:
         return module.units.get(module.state[k + half], "")
@@ -197,7 +200,8 @@ def _attributes(one: ScalarVariable) -> dict[str, object]:
 def _derivatives(module: SourceModule) -> str:
     """Return "true" if the FMU has directional derivatives, else "false".
 
-    They need a Jacobian, which is the derivative by the state alone: a system with inputs has none.
+    Directional derivatives need a Jacobian. The exported one has derivatives by the state alone, so an FMU with inputs
+    has no directional derivatives.
     """
     return "true" if module.quantity("jacobian") and not module.inputs else "false"
 
@@ -207,7 +211,7 @@ def _start(one: ScalarVariable) -> str | None:
 
 
 def fmi2_description(module: SourceModule, token: str) -> str:
-    """Return modelDescription.xml of FMI 2.0."""
+    """Return the text of modelDescription.xml for FMI 2.0; `token` identifies the model."""
     found = variables(module)
     index = {variable.reference: k for k, variable in enumerate(found, 1)}
     files = [
@@ -254,7 +258,7 @@ def fmi2_description(module: SourceModule, token: str) -> str:
 
 
 def fmi3_description(module: SourceModule, token: str) -> str:
-    """Return modelDescription.xml of FMI 3.0."""
+    """Return the text of modelDescription.xml for FMI 3.0; `token` identifies the model."""
     scalars = variables(module)
     can = {
         "modelIdentifier": module.name,
@@ -294,7 +298,7 @@ def fmi3_description(module: SourceModule, token: str) -> str:
 
 
 def build_description(module: SourceModule) -> str:
-    """Return sources/buildDescription.xml of FMI 3.0: how the sources are compiled."""
+    """Return the text of sources/buildDescription.xml for FMI 3.0: how the sources are compiled."""
     files = [line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("SourceFile", {"name": name})]
     inside = [*element("SourceFileSet", {"language": "C99"}, files), *element("Library", {"name": "m"})]
     configuration = list(element("BuildConfiguration", {"modelIdentifier": module.name}, inside))
@@ -302,7 +306,7 @@ def build_description(module: SourceModule) -> str:
 
 
 def model_header(module: SourceModule, token: str, version: int) -> str:
-    """Return the header: the version of the standard, sizes, functions, and the initial state."""
+    """Return the C header of an FMU: the major `version` of FMI, `token`, sizes, functions and the initial state."""
     asked = run_of(module)
     assert asked is not None  # an FMU always has a run
     run, integrator = asked

@@ -35,7 +35,7 @@ class C(Target):
 
 
 def compiled(module: SourceModule, program: str, folder: str = "") -> list[str]:
-    """Return shell lines that compile and run "test" or "main", whose sources are in a folder."""
+    """Return shell lines that compile and run the program "test" or "main"; its sources are in `folder`."""
     name = f"{module.name}_{program}"
     return [f"cc -std=c99 -O2 -o {name} {folder}{module.name}.c {folder}{name}.c -lm", f"./{name}"]
 
@@ -100,7 +100,7 @@ def _enumerations(module: SourceModule) -> Iterator[str]:
 
 
 def statement_comment(module: SourceModule) -> list[str]:
-    """Return the comment at the top: the statement of the system."""
+    """Return the lines of the comment at the top of a file: the statement of the system."""
     lines = [plain(line) for line in module.statement]
     return [f"/* {lines[0]}", *(f"   {line}".rstrip() for line in lines[1:]), "*/"]
 
@@ -109,7 +109,7 @@ def statement_comment(module: SourceModule) -> list[str]:
 
 
 def source(module: SourceModule) -> str:
-    """Return the source file."""
+    """Return the text of the C source file."""
     c_names, public = CNames(f"{module.name}_"), dict.fromkeys(module.public)
     functions = [function(procedure, c_names, hidden=procedure not in public) for procedure in module.procedures]
     # C has no empty arrays: without parameters there is one number.
@@ -142,7 +142,7 @@ def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
 
 
 def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
-    """Return the C declaration of a struct of numbers with a name and fields."""
+    """Return the C declaration of a struct with a name and these fields, each a number."""
     return "\n".join(
         ["typedef struct {", *(f"    {KINDS[kind]} {field};" for field, kind in fields), f"}} {name};", ""]
     )
@@ -152,7 +152,7 @@ def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
 
 
 def programs(module: SourceModule) -> dict[str, str]:
-    """Return the files of the self-test, and of `main` if it is exported."""
+    """Return the sources of the self-test, and of `main` if it is exported, by file name."""
     files = {f"{module.name}_test.c": test_text(module, SCRIPT)}
     if module.run is not None:
         text = main_text(module, SCRIPT).splitlines()

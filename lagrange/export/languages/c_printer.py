@@ -31,8 +31,9 @@ from lagrange.procedure.spelling import OPERATORS as COMMON
 class BracedPrinter(SourcePrinter):
     """Prints one procedure. Subclasses define declarations and calls; `index_type` is the type of a loop index.
 
-    `functions` are the names of the functions that the language has, by operation; `helpers` the names and definitions
-    of others. `needed` collects the operations whose definitions the file needs.
+    `functions` maps an operation to the name of a function of the language. `helpers` maps another operation to the
+    name and the definition of a function that the file must contain. `needed` collects the operations whose definitions
+    the file needs.
     """
 
     language: ClassVar[str]
@@ -46,11 +47,11 @@ class BracedPrinter(SourcePrinter):
         super().__init__(procedure, (*taken, *(name for name, _ in self.helpers.values())))
 
     def legal(self, stem: str) -> str:
-        """Return a legal name of the language for a stem; it may be taken."""
+        """Return the name `stem` as a legal name of the language; another variable may already have it."""
         return ascii_name(stem)
 
     def function_of(self, op: str) -> str:
-        """Return the name of the function for an operation; note that the file needs its definition."""
+        """Return the name of the function for an operation; record that the file needs it, if it is a helper."""
         if op in self.functions:
             return self.functions[op]
         if op not in self.helpers:
@@ -67,7 +68,7 @@ class BracedPrinter(SourcePrinter):
         return [line] if line.lstrip().startswith(("//", "/*")) else continued(line)
 
     def assign(self, target: str, text: str) -> str:
-        """Return an assignment."""
+        """Return a statement that assigns the value `text` to the variable `target`."""
         return f"{target} = {text};"
 
     def comment(self, text: str) -> str:
@@ -75,7 +76,7 @@ class BracedPrinter(SourcePrinter):
         return f"// {text}"
 
     def opening(self, kind: str, *texts: str) -> str:
-        """Return the line that opens a block."""
+        """Return the line that opens a block; `kind` is such as "for", and `texts` are its bounds or condition."""
         match kind, texts:
             case "for", (index, start, stop, step):
                 moved = f"{index}++" if step == "1" else f"{index} += {step}"
@@ -96,11 +97,11 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, place: str) -> str:
-        """Return the name of the partial sum `place` of a reduction."""
+        """Return the text of partial sum number `place` of the reduction `ref`."""
         return f"{self.text(ref)}[{place}]"
 
     def modulo(self, index: str) -> str:
-        """Return an index modulo four."""
+        """Return the text of an index modulo four."""
         return f"{index} & {PARTIAL - 1}"
 
 
@@ -207,7 +208,7 @@ RESERVED = (
 
 @dataclass(frozen=True)
 class CNames:
-    """Names of a module in C: `prefix` begins those of all functions and records.
+    """Names of a module in C: the names of all functions and records begin with `prefix`.
 
     `needed` collects the operations whose definitions the file needs.
     """
@@ -217,7 +218,7 @@ class CNames:
 
     @property
     def copies_bits(self) -> bool:
-        """True if a helper copies the bits of numbers, which needs string.h."""
+        """True if the file needs a helper that copies the bits of numbers, and so the header string.h."""
         return not BITS.isdisjoint(self.needed)
 
     def definitions(self) -> list[str]:
@@ -238,7 +239,7 @@ class CNames:
         return f"{self.prefix}{record.name.lower()}"
 
     def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:
-        """Return the declaration of a parameter."""
+        """Return the declaration of the parameter `name` of a type; with `qualified` a pointer is "restrict"."""
         if isinstance(kind, Kind):
             return f"{KINDS[kind]} {name}"
         restrict = "restrict " if qualified else ""
@@ -248,7 +249,7 @@ class CNames:
         return f"{self.record(kind)} *{restrict}{name}"
 
     def result(self, procedure: Procedure) -> str:
-        """Return the type of the results of a procedure."""
+        """Return the type that the C function of a procedure returns."""
         if len(procedure.results) > 1:
             return f"{self.function(procedure.name)}_results"
         return KINDS[procedure.numbers[0]] if procedure.results else "void"
@@ -256,7 +257,10 @@ class CNames:
     def signature(
         self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""
     ) -> list[str]:
-        """Return the lines of the head of a function."""
+        """Return the lines of the head of a function: `before`, its type, its name and its parameters called `names`.
+
+        With `qualified` pointers are "restrict".
+        """
         given = [
             self.type_of(parameter.type, name, qualified=qualified)
             for parameter, name in zip(procedure.parameters, names, strict=True)
@@ -267,7 +271,7 @@ class CNames:
 
 
 def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
-    """Return the parts of a list on lines of a width, with its closing parenthesis."""
+    """Return list items, with commas and a closing parenthesis, on indented lines of at most `width` characters."""
     lines, line = [], indent
     for part in [*(f"{part}," for part in parts[:-1]), f"{parts[-1]})"]:
         if len(line) + len(part) > width and line.strip():
@@ -278,22 +282,22 @@ def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return the lines of a comment."""
+    """Return a text as the lines of a C comment."""
     first, *rest = wrapped(text, TEXT_WIDTH - 6)
     lines = [f"/* {first}", *(f"   {line}" for line in rest)]
     return [*lines[:-1], f"{lines[-1]} */"]
 
 
 def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
-    """Return a procedure as a function, which is local to its file if `hidden`.
+    """Return the text of a procedure as a C function, which is local to its file if `hidden`.
 
-    The definitions that it needs are recorded in `c_names`.
+    The operations whose definitions it needs are recorded in `c_names`.
     """
     return _CPrinter(procedure, c_names, hidden=hidden).function()
 
 
 class _CPrinter(BracedPrinter):
-    """Prints one procedure."""
+    """Prints one procedure in C."""
 
     language = "C"
     helpers = HELPERS

@@ -1,4 +1,4 @@
-"""Print a program for CasADi: a function that makes a `casadi.Function` of symbols of either kind, SX or MX."""
+"""Print a program for CasADi: a function that returns a `casadi.Function` of SX or MX symbols."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def evaluated(make, times, states):
 
 
 def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of the functions `name` and `name_checked`; `names` are the names of values by instruction."""
+    """Return the text of the functions `name` and `name_checked`; `names` maps an instruction's index to a name."""
     lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"

@@ -59,7 +59,7 @@ def _commands(module: SourceModule, program: str) -> list[str]:
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
-    """Return the files in an FMU of a version, with a library where there is a compiler."""
+    """Return the files in an FMU of FMI `major`, with a compiled library if there is a compiler."""
     inside = resources("lagrange.export.fmu")
     sources = {
         f"{module.name}.h": header(module),
@@ -81,7 +81,7 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
 
 
 def binary_path(name: str, major: int) -> str | None:
-    """Return the folder in an FMU for this platform's library, or None if FMI does not name the platform."""
+    """Return the path in an FMU of this platform's library, or None if FMI `major` has no name for the platform."""
     architecture = ARCHITECTURES.get(platform.machine())
     system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
     if architecture is None or system is None:
@@ -93,7 +93,7 @@ def binary_path(name: str, major: int) -> str | None:
 
 
 def library(name: str, sources: Mapping[str, str]) -> bytes:
-    """Return the shared library of some sources. Raises LagrangeError where the compiler fails."""
+    """Return a compiled shared library of the sources, as bytes. Raises LagrangeError if the compiler fails."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for file, text in sources.items():
@@ -106,7 +106,7 @@ def library(name: str, sources: Mapping[str, str]) -> bytes:
 
 
 def archive(found: Mapping[str, str | bytes]) -> bytes:
-    """Return files as a zip archive, the same bytes for the same files."""
+    """Return a zip archive of the files `found`; the same files give the same bytes."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w") as packed:
         for name, text in found.items():

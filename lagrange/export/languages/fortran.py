@@ -46,7 +46,7 @@ LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, str, _
 
 
 def _helper(kind: str, name: str, given: str, body: str) -> str:
-    """Return the text of a Fortran function of reals that sets its result r."""
+    """Return the text of the Fortran function `name` of the reals `given`; `body` sets its result r of type `kind`."""
     lines = [
         f"  elemental function {name}({given}) result(r)",
         f"    real(dp), intent(in) :: {given}",
@@ -142,7 +142,7 @@ LANGUAGE = Language(
 
 
 def short(line: str) -> list[str]:
-    """Return a statement, continued on several lines if it is long."""
+    """Return the lines of a statement, continued on several lines if it is long."""
     return continued(line, LONGEST_LINE, "&")
 
 
@@ -163,12 +163,12 @@ def listed(head: str, names: Sequence[str]) -> Iterator[str]:
 
 
 def module_name(module: SourceModule) -> str:
-    """Return the name of the Fortran module, which no other name of the file has."""
+    """Return the name of the Fortran module; it differs from all other names in the file."""
     return distinct([module.name[: LONGEST_NAME - len("_test")]], RESERVED, key=str.lower)[0]
 
 
 def source(module: SourceModule) -> str:
-    """Return the source file."""
+    """Return the text of the Fortran source file."""
     name, functions = module_name(module), PrintedFunctions(module, LANGUAGE)
     lines = [
         *statement_comment(module, "!"),
@@ -194,7 +194,7 @@ def source(module: SourceModule) -> str:
 
 
 def _subroutine(name: str, given: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield the lines of a subroutine; its last argument except `singular` is the array that it writes."""
+    """Yield the lines of a subroutine with the arguments `given` and `singular`; it writes to the last of `given`."""
     *arrays, made = given.split(", ")
     size = 1
     for _, _, dimensions in function.declared:
@@ -226,7 +226,10 @@ def _subroutine(name: str, given: str, about: str, function: PrintedFunction) ->
 
 
 def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lengths of all arrays, the default parameters, and the constants without a literal."""
+    """Yield the lengths of all arrays, the default parameters, and constants for numbers such as NaN without a literal.
+
+    `prepared` is the length of p.
+    """
     yield from _comment(places("y", module.state, "{0}({1})", 1))
     yield from _comment(places("parameters", module.parameters, "{0}({1})", 1))
     yield from _comment(
@@ -320,7 +323,7 @@ class Fortran(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the source file, and that of its test."""
+        """Return the source file and the file of its test, by name."""
         calls = "\n".join(f"  call test_{check.name}()" for check in module.checks)
         test = test_text(module, TEST, fortran=module_name(module), calls=calls)
         return {f"{module.name}.f90": source(module), f"{module.name}_test.f90": test}

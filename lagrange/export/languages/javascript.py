@@ -57,9 +57,10 @@ class JavaScript(Target):
 
 
 def source(module: SourceModule) -> str:
-    """Return the text of the module.
+    """Return the text of the JavaScript module.
 
-    Functions that are called once a run check the lengths of arrays. Quantities do not: it would take 3% of their time.
+    Functions that are called once a run check the lengths of arrays. The functions of quantities do not check them,
+    which would take 3% of their time.
     """
     quantities = [quantity.procedure for quantity in module.quantities]
     file = File(
@@ -98,7 +99,7 @@ def _memory(file: File) -> Iterator[str]:
 
 
 def _places_given(module: SourceModule) -> Shifted:
-    """Return the arrays for which users may pass an offset: states and results of quantities."""
+    """Return the array arguments for which users may pass an offset: y and out of each quantity, by their indices."""
     shifted = {}
     for quantity in module.quantities:
         names = [parameter.name for parameter in quantity.procedure.parameters]
@@ -107,7 +108,7 @@ def _places_given(module: SourceModule) -> Shifted:
 
 
 def constants(module: SourceModule) -> Iterator[str]:
-    """Yield sizes, names, and comments on arrays and functions."""
+    """Yield the lines with sizes, names, and comments on arrays and functions."""
     for name, count, about in sizes(module):
         yield f"export const {name.upper()} = {count}; // {about}"
     yield ""

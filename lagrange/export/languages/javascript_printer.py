@@ -1,7 +1,7 @@
 """Print procedures as functions of JavaScript.
 
-No call makes an object. Local arrays and records are constants of the file. A subarray is passed as the whole array and
-the offset of its first element.
+No call creates an object. Local arrays and records are constants of the file. A subarray is passed as the whole array
+and the offset of its first element.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ function mantissa(x) {
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
-    """Return the definitions of the helper functions for some operations."""
+    """Return the definitions of the helper functions that the operations `ops` need."""
     lines = [_BITS, ""] if any("bits." in HELPERS[op][1] for op in ops) else []
     return [*lines, *(line for op in sorted(ops) for line in (*HELPERS[op][1].splitlines(), ""))]
 
@@ -125,9 +125,10 @@ Shifted = Mapping[Procedure, frozenset[int]]
 
 
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
-    """Return the array parameters to which some call passes a subarray, and those of `always`.
+    """Return for each procedure the indices of its array parameters that need an offset.
 
-    `procedures` are ordered, callees before their callers.
+    A parameter needs one if some call passes a subarray, or if `always` lists it. `procedures` are ordered, callees
+    before their callers.
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
@@ -148,7 +149,7 @@ def _parts(block: Block) -> Iterator[Part]:
 
 
 class Place(NamedTuple):
-    """An index into an array: the sum of variables, given by name, and a number."""
+    """An offset in an array: the sum of the variables `names` and a number; `array` is the number of the array."""
 
     array: int
     names: tuple[str, ...] = ()
@@ -159,9 +160,11 @@ class Place(NamedTuple):
 class File:
     """Names and helpers that the functions of a file share.
 
-    `shifted` has the array parameters with an offset. `functions` has the names of all functions, and `lengths`
-    those that check the lengths of their array arguments. `memory` collects the declarations of local
-    arrays and records by name, and `needed` the operations whose definitions the file needs.
+    - `shifted` has for each procedure the indices of its array parameters with an offset.
+    - `public` are the procedures that users call, and `functions` the names of all functions.
+    - `lengths` has the checked lengths of array arguments, for procedures that check them.
+    - `memory` collects the declarations of local arrays and records by name.
+    - `needed` collects the operations whose definitions the file needs.
     """
 
     shifted: Shifted
@@ -178,7 +181,7 @@ def function(procedure: Procedure, file: File) -> str:
 
 
 def results_name(procedure: Procedure) -> str:
-    """Return the name of the object that takes several results of a procedure."""
+    """Return the name of the object into which a procedure with several results writes them."""
     return f"{procedure.name}_results"
 
 
@@ -241,7 +244,7 @@ class _JavaScriptPrinter(BracedPrinter):
             self.put(f"{name}.{name_of_field} = 0;")
 
     def memory_name(self, ref: int) -> str:
-        """Return the name of a local array or record in the file."""
+        """Return the name in the file of the local array or record number `ref`."""
         stem = self.procedure.names.get(ref, f"x{ref}")
         name = self.name(ref, f"{self.procedure.name}_{stem}")
         while name in self.file.memory or name in self.file.functions:
@@ -280,7 +283,7 @@ class _JavaScriptPrinter(BracedPrinter):
         return {}
 
     def part(self, part: Part) -> None:
-        """Note the whole array and the offset of a subarray; an offset that is not constant becomes a variable."""
+        """Record the whole array and the offset of a subarray; an offset that is not constant becomes a variable."""
         whole = self.place_of(part.array)
         if part.start in self.constants:
             self._parts[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
@@ -290,15 +293,15 @@ class _JavaScriptPrinter(BracedPrinter):
         self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
     def begins(self, array: int, place: Place) -> None:
-        """Note the whole array to which a subarray belongs, and its offset in it."""
+        """Record where the subarray `array` begins: its whole array, and its offset there."""
         self._parts[array] = place
 
     def place_of(self, array: int) -> Place:
-        """Return the whole array of a subarray with its offset; an array itself has the offset 0."""
+        """Return the whole array of a subarray and its offset there; a whole array is returned with the offset 0."""
         return self._parts.get(array, Place(array))
 
     def index(self, array: int, place: int) -> tuple[int, str]:
-        """Return the whole array of an element, and the text of its index there."""
+        """Return the whole array of element `place` of an array or subarray, and the text of its index there."""
         begin = self.place_of(array)
         number = begin.number + 0
         if place in self.constants:
@@ -308,19 +311,19 @@ class _JavaScriptPrinter(BracedPrinter):
         return begin.array, summed([*begin.names, *([text] if text else [])], number)
 
     def beginning(self, array: int) -> tuple[int, str | None]:
-        """Return the whole array of a subarray, and the index of its first element, or None if the two begin alike."""
+        """Return the whole array of a subarray, and the text of its offset, or None for the offset 0."""
         begin = self.place_of(array)
         if not begin.names and not begin.number:
             return begin.array, None
         return begin.array, summed(begin.names, begin.number + 0)
 
     def whole_text(self, text: str) -> str:
-        """Return an index as text that can be added to others."""
+        """Return the text of an index, in a form to which other indices can be added."""
         return text
 
 
 def summed(terms: list[str] | tuple[str, ...], number: int) -> str:
-    """Return a sum of texts and a number, which is merged with a number at the end of the last text."""
+    """Return the text of a sum of terms and a number. A number at the end of the last term is added to it."""
     if not terms:
         return str(number)
     *rest, last = terms

@@ -140,7 +140,7 @@ def evaluated(function, times, states):
 
 
 def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
+    """Return the text of the functions `name` and `name_checked`; `names` maps an instruction's index to a name."""
     lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     shapes = f"(), ({program.states},), ({program.parameters},)"

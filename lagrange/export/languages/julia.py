@@ -101,7 +101,7 @@ LANGUAGE = Language(
 
 
 def source(module: SourceModule) -> str:
-    """Return the file of the module."""
+    """Return the text of the file of the module."""
     functions = PrintedFunctions(module, LANGUAGE)
     size = functions.hoisted.size
     least = {"p": size, "parameters": len(module.parameters)}
@@ -124,9 +124,9 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, least: Mapping[str, int]) -> Iterator[str]:
-    """Yield the lines of a function; `least` are the smallest allowed lengths of its arrays.
+    """Yield the lines of a function; `least` has the smallest allowed length of each array by its name.
 
-    In Julia the end of a line ends a statement.
+    `head` is its name with the arguments, and `about` is its description.
     """
     yield from ('"""', f"    {head}", "")
     yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, TEXT_WIDTH))
@@ -140,7 +140,7 @@ def _function(head: str, about: str, function: PrintedFunction, least: Mapping[s
 
 
 def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lengths of all arrays, and the default parameters."""
+    """Yield the lengths of all arrays, and the default parameters; `prepared` is the length of p."""
     yield from commented(places("y", module.state, "{0}[{1}]", 1), "#")
     yield from commented(places("parameters", module.parameters, "{0}[{1}]", 1), "#")
     yield from commented(
@@ -210,7 +210,7 @@ class Julia(Target):
     inexpressible = frozenset(("erf",))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the file of the module, and that of its test."""
+        """Return the file of the module and the file of its test, by name."""
         test = test_text(module, TEST, module_name=module_name(module))
         return {f"{module.name}.jl": source(module), f"{module.name}_test.jl": test}
 
@@ -220,6 +220,6 @@ class Julia(Target):
 
 
 def module_name(module: SourceModule) -> str:
-    """Return the name of the Julia module: double_pendulum is DoublePendulum."""
+    """Return the name of the Julia module in camel case, such as DoublePendulum for double_pendulum."""
     name = "".join(part.capitalize() for part in module.name.split("_"))
     return distinct([name], MODULES)[0]

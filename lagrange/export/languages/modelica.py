@@ -157,17 +157,17 @@ def broken(line: str, width: int = MODELICA_WIDTH) -> list[str]:
 
 
 def remark(about: str) -> list[str]:
-    """Return the lines of a Modelica comment."""
+    """Return a text as the lines of a Modelica comment."""
     return commented(about, "//", MODELICA_WIDTH + 3)
 
 
 def package(module: SourceModule) -> str:
-    """Return the name of the package."""
+    """Return the name of the Modelica package."""
     return distinct([module.name], RESERVED)[0]
 
 
 def text(module: SourceModule) -> Iterator[str]:
-    """Yield the lines of the package."""
+    """Yield the lines of the Modelica package."""
     yield from statement_comment(module, "//")
     yield ""
     yield f"package {package(module)}"
@@ -201,7 +201,8 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
 def _function(name: str, given: Mapping[str, int], made: str, function: PrintedFunction, finite: str) -> Iterator[str]:
     """Yield the lines of a function.
 
-    `given` has the length of each argument by name, 0 for a number; `made` is the array that the function returns.
+    `given` has the length of each argument by name, 0 for a number; `made` is the array that the function returns, and
+    `finite` are lines that end the function.
     """
     yield f"function {name}"
     yield from (
@@ -223,7 +224,7 @@ def _function(name: str, given: Mapping[str, int], made: str, function: PrintedF
 
 
 def motion(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lines of the model that simulates the motion from the initial state."""
+    """Yield the lines of the model that simulates the motion from the initial state; `prepared` is the length of p."""
     shown = [one for one in module.quantities if one.name not in ("rhs", "jacobian")]
     every = (*module.state, *module.parameters, *(one.name for one in shown))
     names = distinct(every, RESERVED)
@@ -335,7 +336,7 @@ class Modelica(Target):
     always = ("rhs", "main")
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the package, that of its test, and a script that has OpenModelica run the test."""
+        """Return the package, the package of its test, and a script with which OpenModelica runs the test."""
         name = package(module)
         fields = {
             "package": name,

@@ -34,7 +34,7 @@ LITERALS = Literals("Inf", "NaN")
 
 
 def _helper(head: str, text: str) -> str:
-    """Return the text of an Octave function with a head; its body, `text`, sets the result r."""
+    """Return the text of an Octave function with the head `head`; its body, `text`, sets the result r."""
     return "\n".join([f"function r = {head}", *(f"    {line}" for line in text.splitlines()), "end", ""])
 
 
@@ -118,7 +118,7 @@ def prefix_of(module: SourceModule) -> str:
 
 
 def _defaults(module: SourceModule, prefix: str) -> str:
-    """Return the file with the default parameters."""
+    """Return the text of the file with the default parameters."""
     lines = [
         f"function parameters = {prefix}default_parameters()",
         f"% parameters = {prefix}default_parameters(): those of the model, a column.",
@@ -136,7 +136,7 @@ def _defaults(module: SourceModule, prefix: str) -> str:
 
 
 def _text(module: SourceModule, head: str, about: Sequence[str], function: PrintedFunction, size: int) -> str:
-    """Return the file of a function that returns an array of a size, followed by its helper functions."""
+    """Return the text of a file: a function that returns an array of `size` numbers, and its helper functions."""
     array = head[1 : head.index(",")]
     lines = [
         f"function {head}",

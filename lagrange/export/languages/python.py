@@ -106,7 +106,7 @@ place."""
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
-    """Return the definitions of helpers and of those that they use."""
+    """Return the definitions of the helper functions that the operations `ops` need, and of those that these call."""
     needed = {op for op in ops if op not in OPERATORS}
     needed |= {need for op in needed for need in NEEDS.get(op, ())}
     return [line for op, text in HELPERS.items() if op in needed for line in (*text.splitlines(), "", "")]
@@ -137,7 +137,7 @@ class Python(Target):
 
 
 def file_name(module: SourceModule) -> str:
-    """Return the name of the module; it is not a keyword or the name of a module that NumPy imports."""
+    """Return the name of the module, with a suffix if it is a keyword or the name of a module that NumPy imports."""
     return distinct([module.name], FILES)[0]
 
 
@@ -176,7 +176,7 @@ class _ExportPrinter(Printer):
 
 
 def source(module: SourceModule) -> str:
-    """Return the module."""
+    """Return the text of the Python module."""
     file = _File()
     functions = [_ExportPrinter(procedure, file).function() for procedure in module.procedures]
     lines = [
@@ -224,7 +224,7 @@ def _check_lengths(**arrays):
 
 
 def constants(module: SourceModule) -> Iterator[str]:
-    """Yield sizes, names, and comments on arrays and functions."""
+    """Yield the lines with sizes, names, and comments on arrays and functions."""
     for name, count, about in sizes(module):
         yield f"{name.upper()} = {count}  # {about}"
     yield from named_places(module, "parameters")
@@ -238,7 +238,7 @@ def constants(module: SourceModule) -> Iterator[str]:
 
 
 def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
-    """Yield the lines of a public function, which takes NumPy arrays and calls the private one."""
+    """Yield the lines of a public function, which takes NumPy arrays and calls the private function on memory views."""
     names = [parameter.name for parameter in procedure.parameters]
     passed = [_passed(parameter.name, parameter.type) for parameter in procedure.parameters]
     first, *rest = commented(about_of(module, procedure).replace('"', "'"), "")

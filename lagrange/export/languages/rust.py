@@ -131,7 +131,7 @@ LANGUAGE = Language(
 
 
 def source(module: SourceModule) -> str:
-    """Return the file."""
+    """Return the text of the Rust file."""
     functions = PrintedFunctions(module, LANGUAGE)
     lines = [
         *statement_comment(module, "//"),
@@ -159,7 +159,7 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, slices: str) -> Iterator[str]:
-    """Yield the lines of a function; `slices` are lines that check the lengths of its arrays once."""
+    """Yield the lines of a function; `slices` are lines that check the lengths of its arrays before all others."""
     yield from commented(about, "///")
     yield head
     ignored = [name for name in function.unused if name in head.replace("(", " ").replace(":", " ").split()]
@@ -170,7 +170,7 @@ def _function(head: str, about: str, function: PrintedFunction, slices: str) -> 
 
 
 def constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield sizes, names, and comments on arrays and functions."""
+    """Yield the lines with sizes, names, and comments on arrays and functions; `prepared` is the length of p."""
     for name, count, about in sizes(module, prepared):
         yield f"pub const {name.upper()}: usize = {count}; // {about}"
     yield ""
@@ -186,7 +186,7 @@ def constants(module: SourceModule, prepared: int) -> Iterator[str]:
 
 
 def quoted(text: str) -> str:
-    """Return a string literal in ASCII."""
+    """Return a text as a Rust string literal in ASCII."""
     return '"' + "".join(_escaped(letter) for letter in text) + '"'
 
 
@@ -264,7 +264,7 @@ class Rust(Target):
     inexpressible = frozenset(("erf",))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the file, and that of its test."""
+        """Return the source file and the file of its test, by name."""
         name = file_name(module)
         return {f"{name}.rs": source(module), f"{name}_test.rs": test_text(module, TEST, file=name)}
 
@@ -275,5 +275,5 @@ class Rust(Target):
 
 
 def file_name(module: SourceModule) -> str:
-    """Return the name of the module; it is not a keyword or the name of one of Rust's own crates."""
+    """Return the name of the module, with a suffix if it is a keyword or the name of one of Rust's own crates."""
     return distinct([module.name], (*RESERVED, "alloc", "lib", "proc_macro"))[0]
