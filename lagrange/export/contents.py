@@ -201,10 +201,7 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the language-independent module of a model with the contents `asked`.
-
-    Raises StatementError for a parameter without a value.
-    """
+    """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
