@@ -277,10 +277,7 @@ class Reference:
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return the entries of each quantity by index; zeros of mass_matrix and jacobian may be left out.
-
-        `held` are the constraints, and `columns` the columns of the Jacobian.
-        """
+        """Return the entries of each quantity by index, for constraints `held`; zeros of matrices may be left out."""
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
