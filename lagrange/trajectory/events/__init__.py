@@ -1,1 +1,1 @@
-"""Event functions, switching surfaces and resets: their zeros on a step, and the changes of the motion at these."""
+"""Event functions, switching surfaces and resets: zeros on a step, and the changes of the motion at the zeros."""

@@ -31,11 +31,11 @@ ALIKE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """An event of a model, whose expression is `node`.
+    """An event of a model: the zeros of the expression `node` with a direction, a terminal count and a reset.
 
-    The `rows` of the state are reset to the results of `kernel`, from index `first` on. A `root` is not an event of the
-    user, but a square root in the equations of motion, whose series ends where it is zero. `model` is the model of a
-    reset.
+    The reset replaces the entries `rows` of the state by results of `kernel`, from result `first` on. `kernel` is None
+    without a reset. A `root` is not an event of the user, but a square root in the equations of motion: the series of
+    the motion ends at a zero of the square root. `model` is the model whose constraints hold after the reset.
     """
 
     node: Node
@@ -70,7 +70,7 @@ class Impact:
 
     @property
     def reaction(self) -> Reaction:
-        """The settings of the event for the memory of a compiled loop."""
+        """The settings of the event, in the form that the memory of a compiled loop stores."""
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
@@ -99,9 +99,9 @@ def reset_state(
 ) -> tuple[FloatArray, EventResult]:
     """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
-    `resets` maps events to their numbers. Every reset is computed from the state `before`. With constraints the new
-    state is treated like an initial state. The state before satisfies them only up to the error of the step. So the
-    reset is judged by its effect on the nearest state that satisfies them exactly.
+    `resets` maps events to their indices in `names()`. Every reset is computed from the state `before`. With
+    constraints the new state is treated like an initial state. The state `before` satisfies the constraints only up to
+    the error of the step. So the reset is tested on the nearest state that satisfies the constraints exactly.
     """
     after = _reset(resets, t, before, parameters)
     if not np.isfinite(after).all():
@@ -132,7 +132,7 @@ def reset_state(
 
 
 def _left_open(model: Model, resets: Iterable[Impact]) -> list[int]:
-    """Return the rows of velocities without inertia that no reset sets: the equations determine them."""
+    """Return the row indices of velocities without inertia that no reset sets, so that the equations set them."""
     named = [row for impact in resets for row in impact.rows]
     return [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
 

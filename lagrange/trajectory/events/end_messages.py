@@ -44,7 +44,7 @@ def accumulating(name: str) -> EventResult:
 
 
 def unresolved(name: str) -> EventResult:
-    """Return the end of a run whose steps, or errors, no longer resolve the intervals between its resets."""
+    """Return the end of a run whose resets are closer together than its steps, or errors, can resolve."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Between resets where {name} is zero, the path of the steps no longer shows how it leaves zero and returns: a "
@@ -88,7 +88,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at a state without a value of an event function.
 
-    `watched` (order + 1, functions) are the series of the event functions.
+    `watched` (order + 1, functions) has the Taylor coefficients of the event functions at this state.
     """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(

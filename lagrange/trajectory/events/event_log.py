@@ -63,8 +63,8 @@ class Occurrences:
 class Breaks:
     """The rows of a run after which a new smooth piece begins, for states of length `size`.
 
-    The step before may have been shortened. `times` (k,) and `states` (k, 2n) are the end of the whole step, NaN if it
-    was not.
+    The step before a break may have been shortened. `times` (k,) and `states` (k, 2n) are the end of the whole step
+    before it was shortened, and NaN for other steps.
     """
 
     def __init__(self, size: int) -> None:
@@ -80,13 +80,13 @@ class Breaks:
         self.extend(np.array([row]), np.array([end]), state[None])
 
     def extend(self, rows: NDArray[np.int64], times: FloatArray, states: FloatArray) -> None:
-        """Add breaks: rows (k,), times (k,) and states (k, 2n)."""
+        """Add breaks after `rows` (k,), with the `times` (k,) and `states` (k, 2n) at the ends of whole steps."""
         if len(rows):
             self._parts.append((rows, times, states))
             self._count += len(rows)
 
     def since(self, first: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-        """Return the rows, times and states of the breaks from number `first` on."""
+        """Return the rows, times and states of all breaks except the first `first` ones."""
         parts, begin = [], self._count
         for part in reversed(self._parts):
             parts.append(part)
@@ -105,7 +105,10 @@ class EventLog:
         self.state: DriverState | None = None
 
     def first_change(self, found: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
-        """Return the first of the zeros `found` that changes the motion by an event of `impacts`, or None."""
+        """Return the first zero in `found` whose event resets the state or ends the run, or None.
+
+        `impacts` are all events; a zero refers to its event by index.
+        """
         seen = [len(times) for times in self.occurrences]
         for zero in found:
             index = zero.which
@@ -116,18 +119,15 @@ class EventLog:
         return None
 
     def occur(self, places: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
-        """Record events with indices `places` at the present state. Return True if one of them ends the run.
-
-        `impacts` are all events.
-        """
+        """Record the events `places`, indices of `impacts`, at the present state. Return True if one ends the run."""
         for i in places:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
         return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in places)
 
     def keep(self, which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int) -> None:
-        """Add occurrences of the events `which` (k,), which count once `steps` steps are accepted.
+        """Add k occurrences, which count once `steps` steps are accepted.
 
-        `when` (k,) are the times in order, and `there` (k, 2n) the states.
+        `which` (k,) are the indices of the events, `when` (k,) the times in order, and `there` (k, 2n) the states.
         """
         if len(self.occurrences) == 1:
             self.occurrences[0].extend(when, there, steps)
@@ -162,7 +162,7 @@ class ChangeCounter:
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Record a change by event `which` at a time that is not close to other changes."""
+        """Record a change by the event with index `which` at a time that is not close to other changes."""
         self.counts = Counter([which])
         self.last = t
 

@@ -42,10 +42,10 @@ def inertia_stays(equations: Equations) -> bool:
 
 @dataclass(eq=False)
 class WatchedEvents:
-    """The events of a run by a step program. The driver's next run with the same events uses them again.
+    """The events of a run by a step program, kept for the next run of its driver with the same events.
 
     `kernel` evaluates the event functions. `steps` is the compiled loop, or None if no run was long enough. `dense` is
-    a path through a first state, with the compiled dense output of all paths.
+    the first path, whose compiled code all later paths use.
     """
 
     impacts: tuple[Impact, ...]
@@ -82,9 +82,10 @@ class WatchedEvents:
     def compiled(
         self, problem: Problem, driver: Driver, t: float, steps: int, changes: int, *, fixed: bool
     ) -> EventSteps | None:
-        """Return the loop, or None if the machine has none, or if the run seems short by its steps and resets up to t.
+        """Return the compiled loop over steps; None if the machine has none, or if compiling seems not worth it.
 
-        With error control the cubic through both ends of a step serves as a first test.
+        The remaining length of the run is estimated from the numbers of `steps` and of `changes` of the motion up to
+        time t. Without equal steps (`fixed`) the loop first tests events on the cubic through both ends of a step.
         """
         work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)
         if self.dense is None or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
@@ -107,8 +108,8 @@ class WatchedEvents:
     ) -> None:
         """Write the sides of events for the loop, and the number of occurrences of each until the caller has to act.
 
-        At the start of a motion `stayed` are the sizes of event functions that are zero there. `zeros` are the
-        directions in which they reached zero.
+        `stayed` maps the events that count as zero at the start of a motion to the size of the event function there.
+        `zeros` maps events to the direction in which they reached zero.
         """
         memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]
@@ -123,9 +124,9 @@ class WatchedEvents:
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:
-        """Read events and resets from the loop.
+        """Copy the events and resets that the loop has written to `log` and `breaks`.
 
-        Events on steps that are not reviewed yet count once these are accepted.
+        Events on steps that are not reviewed yet count once these steps are accepted.
         """
         memory = self.memory
         waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
@@ -144,6 +145,6 @@ class WatchedEvents:
 
     @property
     def zeros(self) -> dict[int, int]:
-        """The directions in which events reached zero at the start of the motion, by event."""
+        """For events that are zero at the start of the motion, by index: the direction in which zero was reached."""
         came = self.memory.came.tolist()
         return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}

@@ -2,14 +2,15 @@
 
 The side is the known sign of an event function between two points. It is never taken from a value within rounding:
 
-1. A reset that does not change the event function, up to rounding, keeps its side. An event function within rounding of
-   zero when another event acted has not crossed. It crosses if the new motion leads to the other side. That is an event
-   at the time of the reset: it counts, ends the run, or resets the state again, at once.
-2. An event that occurred at this point has no side after it: the motion decides it. The event does not occur twice.
-3. A reset that changes the event function, and the start of a run, leave no side. A value beyond rounding then gives
-   the side: a jump over zero is not an event. A value of zero is not an event either, except for a contact, which is
-   an event with a direction and a reset. Its side is the one that it is reached from. If its rate leads through, it
-   acts at once, unless the motion would pass it after its reset as well.
+1. A reset that does not change the event function, up to rounding, keeps its side. If the function is within rounding
+   of zero when another event acts, it has not crossed zero. It crosses zero if the new motion leads to the other side.
+   This is an event at the time of the reset: it counts, ends the run, or resets the state again, at once.
+2. An event that occurred at this point has no side afterwards: the motion decides it. The event does not occur twice.
+3. After a reset that changes the event function, and at the start of a run, the side is unknown. A value beyond
+   rounding then gives the side: a jump over zero is not an event. A value of zero is not an event either, except for a
+   contact, which is an event with a direction and a reset. The side of a contact is the side from which its direction
+   leads to zero. If the event function moves through zero in this direction, the contact acts at once, unless the
+   motion would pass the contact after the reset as well.
 
 At the first point after the change the rate decides the side of a value within its noise, as between any two steps.
 """
@@ -34,10 +35,10 @@ from lagrange.trajectory.trajectory import FloatArray
 class MotionStart:
     """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
-    `first` is True at the start of the run. `stayed` are the sizes of event functions that count as zero. `zeros` are
-    the directions of the events that have just occurred. `rested` are events with a reset that have been zero on the
-    steps since; their side is undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on
-    which side of a jump the motion starts, so a second jump at once is the same jump.
+    `first` is True at the start of the run. `stayed` maps events that count as zero to the size of the event function.
+    `zeros` maps events that have just occurred to their direction. `rested` are events with a reset that have stayed
+    zero on all steps since the start; their side is undecided. `jumped` are events that occurred at a jump over zero.
+    Rounding decides on which side of a jump the motion starts, so a second jump at once is the same jump.
     """
 
     first: bool = False
@@ -56,8 +57,9 @@ def sides_behind(
 ) -> list[Side]:
     """Return the sides of event functions after a reset, from the sides before it. A side of sign 0 is undecided.
 
-    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened` are
-    undecided. A pending touch of a contact is cleared: a contact must not act without crossing.
+    `change` has the values of the event functions before and after the reset, (E,) each, and `noise` (E,) is their
+    rounding. Events in `happened` have just occurred: their side is undecided. A pending touch of a contact is cleared,
+    because a contact must not act without crossing zero.
     """
     kept = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
@@ -73,7 +75,10 @@ of the largest value on the step counts as zero.
 
 
 def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
-    """Return True if the motion passes an event in its direction even after its reset, so that the reset is useless."""
+    """Return True if the motion after the reset of event `place` still passes zero in the event's direction.
+
+    The reset is then useless. `sample` is the step that begins at the event.
+    """
     t, y, impact, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
     after = y.copy()
     impact.apply(t, y, parameters, after)
@@ -92,10 +97,11 @@ def sent_through(
     states: tuple[FloatArray, FloatArray],
     along: float,
 ) -> EventZero | None:
-    """Return a zero whose reset would send the motion through it, or None.
+    """Return a zero in `zeros` at which the reset would send the motion to the wrong side, or None.
 
-    The path of a long step may reach the floor although the velocity there already points upwards; a reset would
-    reverse it. `states` are those before and after the reset. `along` is the sign of the run's direction.
+    The path of a long step may bring a ball to the floor although its velocity there already points upwards. A reset
+    would then send it downwards. `states` are the states before and after the reset. `along` is 1, or -1 for a run
+    backwards in time.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:
@@ -105,15 +111,20 @@ def sent_through(
 
 
 def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
-    """Return the size up to which a contact counts as zero: noise, or its change during a spacing of times."""
+    """Return the size up to which contact `place` counts as zero where it is reached.
+
+    It is the noise of the event function, or its change during the spacing of floating-point times. `span` is the
+    duration of the run, which sets the spacing.
+    """
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
     return float(max(batch.noise[place, step], batch.sensitive[place, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return the resting contacts: zero since an earlier event at the motion's start, and constant on the step.
+    """Return the contacts at rest: zero at the start of the motion, not by a new event, and constant on the step.
 
-    An example is a ball that has passed on its velocity, and rests beside the next one. Only rounding moves them.
+    An example is a ball that has given its velocity to the next ball and lies beside it. Only rounding changes the
+    event function of such a contact.
     """
     margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)

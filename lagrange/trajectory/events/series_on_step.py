@@ -1,4 +1,4 @@
-"""The Taylor series of event functions at a state: the time for which it is accurate, and its rounding noise."""
+"""Taylor series of event functions at a state: the times up to which they are accurate, and their rounding noise."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class EventSeries:
-    """Series at a state in the time unit `scale`: `rows` (order + 1, 2n + E) of the state and the event functions.
+    """Taylor coefficients `rows` (order + 1, 2n + E) of the state and of E event functions, in the time unit `scale`.
 
-    `watched` (order + 1, E) are those of the event functions, and `noise` (E,) their rounding. `rtol` is the tolerance
-    of the series. `unit` is a time at which the terms of the event functions are compared.
+    `watched` (order + 1, E) are the columns of the event functions, and `noise` (E,) is their rounding. `rtol` is the
+    tolerance of the series. `unit` is a time at which the terms of the event functions are compared.
     """
 
     scale: float
@@ -59,7 +59,10 @@ class EventSeries:
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
-        """Return the sign with which an event function leaves zero, and the order that decides it."""
+        """Return the sign of event function `which` just after the state, and the order of the term that decides it.
+
+        The function counts as zero at the state up to `margin`. The details are those of the function `leaving`.
+        """
         tolerance = EVENT_SLACK * max(self.rtol, EPSILON)
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
@@ -72,8 +75,8 @@ class EventSeries:
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
     """Return the times, at most s, up to which the columns of a series are accurate.
 
-    A column of the series (order + 1, k) is accurate up to the tolerance, or to its noise (k,). For most series the
-    first and last two terms prove that they are accurate on the whole step.
+    A column of the series (order + 1, k) is accurate if its truncation error is below the tolerance, or below its noise
+    (k,). For most series the first and the last two terms prove that they are accurate on the whole step.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):

@@ -1,8 +1,8 @@
 """The watch of a run by Taylor steps: events, and the surfaces on which the equations of motion switch.
 
-The loop over steps finds the zeros of these functions, and ends a step at the first that changes the motion. It resets
-the state and crosses surfaces in regular cases. In the others it returns, and the change is made here: the run ends,
-the state is reset, or the equations continue with the other side of a surface.
+The compiled loop over steps finds the zeros of these functions, and ends a step at the first zero that changes the
+motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it returns, and this
+module makes the change: the run ends, the state is reset, or the equations continue with the other side of a surface.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class SeriesWatch(EventLog):
             self.write()
 
     def _step_refused(self, state: DriverState) -> EventResult:
-        """Return the end of the run at a state at which the series of a watched function has no continuation."""
+        """Return the end of the run at a state from which a watched function cannot be continued by its series."""
         look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
@@ -147,7 +147,7 @@ class SeriesWatch(EventLog):
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Pass over a point without a series.
 
-        Return the result after it, the end at a root, or None if it cannot be passed.
+        Return the result after the point, the end of the run at a square root, or None if the point cannot be passed.
         """
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
@@ -211,7 +211,10 @@ class SeriesWatch(EventLog):
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return the zeros of events at a surface, with the direction after it: abs(x), for example, turns back."""
+        """Return `zeros` of events that coincide with a surface, with directions that hold after the surface.
+
+        For example, abs(x) turns back at x = 0, so its zero is a touch. `before` are the sides before the zeros.
+        """
         events = []
         for m in zeros:
             g = self.ahead(state).near(m.which)
@@ -233,7 +236,7 @@ class SeriesWatch(EventLog):
     def _jump(
         self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by the events `zeros` among those in `found`, and start a new motion."""
+        """Reset the state by the events in `zeros`, and start a new motion. `found` has all events at this time."""
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
@@ -276,8 +279,8 @@ class SeriesWatch(EventLog):
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
         """Determine the side of every surface and event at the state, or just after it.
 
-        `stayed` are the events that occurred here, with a size up to which, times 4, they count as zero. `before` is
-        the series before a reset, or None.
+        `stayed` maps the events that occurred here to the size of the event function; four times this size counts as
+        zero. `before` has the series before a reset, or is None.
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
@@ -335,9 +338,9 @@ class SeriesWatch(EventLog):
         state.taylor.inspect = 1
 
     def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
-        """Return the zeros of contacts that act at the start of the motion, by the rules of `sides_behind`.
+        """Return the zeros of contacts that act at the start of the motion, by the rules of the module `motion_start`.
 
-        Those in `happened` are left out. An example is a ball that starts on the floor and falls: it has to bounce.
+        Contacts in `happened` are left out. An example is a ball that starts on the floor and falls: it has to bounce.
         """
         zeros = []
         for index, impact in enumerate(self.impacts):
@@ -351,7 +354,7 @@ class SeriesWatch(EventLog):
         return zeros
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Return the series at the state, or at y, with the present sides. The last result is cached."""
+        """Return the series at the driver's state, or at y (2n,), with the present sides. The last result is cached."""
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
         key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
@@ -361,7 +364,7 @@ class SeriesWatch(EventLog):
 
     @property
     def values(self) -> FloatArray:
-        """Numbers that the series reads: the parameters, followed by the sides of surfaces."""
+        """The arguments of the series after time and state: the parameters, followed by the sides of surfaces."""
         return np.concatenate([self.parameters, self.sides])
 
     @property
@@ -374,7 +377,7 @@ class SeriesWatch(EventLog):
         self.memory.record.jumps += 1
 
     def impact_of(self, zero: EventZero) -> Impact:
-        """Return the event of which a zero is a zero."""
+        """Return the event to which a zero belongs."""
         return self.impacts[zero.which - self.surfaces]
 
     def is_root(self, which: int) -> bool:

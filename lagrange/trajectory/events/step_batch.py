@@ -1,4 +1,4 @@
-"""Event functions on a batch of steps, sampled together on the dense output; those that surely keep their sign."""
+"""Event functions on a batch of steps, sampled together on the dense output, and a test that they keep their sign."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One step: its time, its length, its states as Chebyshev coefficients (2n, 17), and those of events (E, 17)."""
+    """One step: its time, its length, and the Chebyshev coefficients of states (2n, 17) and event functions (E, 17)."""
 
     t: float
     h: float
@@ -76,12 +76,12 @@ class Sample:
         return evaluate(self.states, np.array([s]))[:, 0]
 
     def rates(self, s: FloatArray) -> FloatArray:
-        """Return the rates of the events (E, K) along the motion at fractions s (K,), per step instead of per time."""
+        """Return the rates of the event functions (E, K) at fractions s (K,), per step length instead of per time."""
         rates = self.batch.rates()
         return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
     def events(self, s: FloatArray) -> FloatArray:
-        """Return the events (E, K) at fractions s (K,) of the step."""
+        """Return the event functions (E, K) at fractions s (K,) of the step."""
         return self.batch.kernel(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
 
@@ -90,8 +90,9 @@ class StepBatch:
     """A batch of accepted steps: the path, and the event functions along it.
 
     `rates` returns the kernel of the time derivatives of the event functions. `ends` (E, S+1) are the event functions
-    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error on a step, and `sensitive` (E, S) the
-    part of it due to the change of the state. `certain` (E, S) is True if the function keeps its sign on a step.
+    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function on a step, and
+    `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S) is True if the
+    function keeps its sign on the step.
     """
 
     kernel: Kernel
@@ -145,7 +146,7 @@ class StepBatch:
         return self.samples[step]
 
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
-        """Store samples at the full degree: states (2n, k, 17) and events (E, k, 17)."""
+        """Store samples at the full degree for the steps (k,): states (2n, k, 17) and event functions (E, k, 17)."""
         times = self.path.times
         # A matrix product would round a step differently for different numbers of steps.
         coefficients = np.zeros_like(states)
@@ -164,9 +165,9 @@ def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
 
 
 def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Return True for functions (..., degree + 1) whose coefficients prove that they keep their sign.
+    """Return a mask (...) of functions that keep their sign, proved by their Chebyshev coefficients (..., degree + 1).
 
-    The truncated part is estimated as eight times the last coefficients.
+    `noise` (...) is their error. The truncated part is estimated as eight times the last coefficients.
     """
     sizes = np.abs(chebyshev)
     others = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise

@@ -136,7 +136,7 @@ class EventDriver:
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Take steps unless some are not reviewed, and review some on arrays.
+        """Take steps if all earlier ones are reviewed, and review some steps on arrays.
 
         Return an outcome, or None to continue.
         """
@@ -168,7 +168,7 @@ class EventDriver:
         return False
 
     def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
-        """Return the steps that are not reviewed, and the driver, as argument for the functions of the loop."""
+        """Return the steps that are not yet reviewed, and the driver, as an argument of the functions of the loop."""
         memory, size = self._memory, len(state.y)
 
         def drive(*given: Any) -> Outcome:
@@ -192,9 +192,9 @@ class EventDriver:
             state.fault = None
 
     def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
-        """Review steps up to number `last` on arrays.
+        """Review steps up to number `last` on arrays. Return an outcome, or None to continue.
 
-        When all are reviewed, accept them; at a change, set the run back.
+        If all steps are reviewed, accept them. If a change of the motion is found, set the run back to it.
         """
         memory, run = self._memory, self._run
         if not memory.waits:
@@ -311,7 +311,7 @@ class StepWatch(EventLog):
         """Return None: steps of a step program need no series, so no point has to be passed over."""
 
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
-        """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
+        """Return the compiled loop that takes and reviews steps; None if the run seems short after `steps` steps."""
         return self.memory.compiled(self.problem, driver, t, steps, self.jumps, fixed=self._fixed)
 
     def path(self, times: FloatArray, states: FloatArray) -> StepsPath:
@@ -319,10 +319,10 @@ class StepWatch(EventLog):
         return self.memory.path(self._path_of, times, states)
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
-        """Find the events on the steps `begin` to `end` of times (S+1,) and states (S+1, 2n), on arrays.
+        """Find the events on the steps `begin` to before `end` of times (S+1,) and states (S+1, 2n), on arrays.
 
-        Returns the first change of the motion, whose events are then pending for `process`, or None. The run had taken
-        `taken` steps before the first of these.
+        Returns the first change of the motion, whose events are then pending for `process`, or None. `taken` is the
+        number of steps that the run took before `times[0]`.
         """
         path = self.path(times, states)
         cut = self._ahead(Window(path, begin, end), taken + begin)
@@ -366,7 +366,10 @@ class StepWatch(EventLog):
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, taken: int) -> Cut | None:
-        """Find the events on the steps of a path, sampled together. Return the first change of the motion, or None."""
+        """Find the events on all steps of a path. Return the first change of the motion, or None.
+
+        `taken` is the number of steps that the run took before the path.
+        """
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -402,7 +405,10 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], taken: int) -> Cut | None:
-        """Record the zeros of the `watched` events on a step. Return the first change of the motion, or None."""
+        """Record the zeros of the events `watched` on a step. Return the first change of the motion, or None.
+
+        `taken` is the number of steps that the run took before the batch.
+        """
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
@@ -446,7 +452,7 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero where the motion starts at the beginning of a step, and store their values.
+        """Return the events that are zero at the start of a motion, where the step begins, and store their values.
 
         An event with a known sign at the start is not included: its zeros are found as on any other step.
         """
@@ -467,7 +473,8 @@ class StepWatch(EventLog):
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Return True if an event acts at the start of a motion: a contact turns it back, or is met without velocity.
 
-        The side of these contacts is undecided, by the rules of `sides_behind`.
+        The rules are those of the module `motion_start`: such contacts have an undecided side. `zero` has the zeros of
+        the event functions that start at zero.
         """
         for i, found_zeros in zero.items():
             sign, order = found_zeros.leaving
@@ -490,7 +497,11 @@ class StepWatch(EventLog):
     def _part(
         self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int
     ) -> None:
-        """Record the events before the first change. Those at the same time become pending."""
+        """Record the events on a step before its first change of the motion. Events at the time of it become pending.
+
+        `first` is the zero of the change. `found` are all zeros on the step, and `traces` the analysis of each event
+        function.
+        """
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
         jump = max(close, SAME_JUMP) if first.root.jump else close
@@ -510,7 +521,7 @@ class StepWatch(EventLog):
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
-        """Record those of the zeros on a step that are events."""
+        """Record the zeros `found` on a step, except those with a direction that is not an event."""
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time

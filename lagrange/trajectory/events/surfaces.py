@@ -1,12 +1,14 @@
-"""The side of each switching surface on which a motion continues that starts on a surface or reaches one.
+"""Continuation of a motion from a switching surface, and over points at which it has no Taylor series.
 
-On a surface g is zero, so its first nonzero derivative gives the side. A choice of sides is consistent if the motion
-with these sides goes there. If no choice is consistent, the motion slides along a surface. Source: A. F. Filippov,
-Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
+A motion that reaches a surface g = 0, or starts on it, continues on one side, where g is positive or negative. The
+forces depend on the side, and the motion determines the side. A choice of sides is consistent if the motion with the
+forces of these sides leads to them: the first nonzero time derivative of g then has the sign of the side. If no choice
+is consistent, the motion slides along a surface. Source: A. F. Filippov, Differential Equations with Discontinuous
+Righthand Sides, 1988, section 4.
 
 At some points a motion has no Taylor series, although its forces hardly change. With drag -|v|v a body at rest, or at
 its turning point, is at the zero of a square root. The run passes such a point by a leap: a method without series takes
-one step, so short that everything else is nearly constant.
+one step, so short that the accelerations are nearly constant during it.
 """
 
 from __future__ import annotations
@@ -57,9 +59,10 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
     """Return the first consistent choice of sides with which the motion leaves the surfaces that it is on.
 
-    `choices` has the sides to try for each of these surfaces, the likely one first. 0 is the side of a motion that
-    stays on the surface by itself. If no choice is consistent but a side has no values, it is returned, so that the run
-    ends there. Otherwise raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
+    `sides` are the present sides of all surfaces. `choices` has the sides to try for each surface on which the motion
+    is, the likely side first. Side 0 means that the motion stays on the surface by itself. If no choice is consistent,
+    but the series have no finite values with a choice, that choice is returned, so that the run ends there. Otherwise
+    raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -81,10 +84,10 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the series of the surfaces. Correct sides in `trial` that contradict the surfaces' values.
+    """Return the series of the surfaces with the sides `trial`, after correcting sides that contradict the values.
 
-    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides in
-    `chosen` are kept.
+    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides of
+    the surfaces in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -132,8 +135,8 @@ MOST_LEAP_STEPS = 2000
 class Continuations:
     """The leaps of a run so far. `method` makes the integrator, whose default tolerances the leaps use.
 
-    `rows` are the row numbers at which they begin, `landed` is the time at which the last one ended, and
-    `continuations_in_a_row` is the number of successive leaps.
+    `rows` are the indices of the accepted states at which leaps begin. `landed` is the time at which the last leap
+    ended. `continuations_in_a_row` is the number of successive leaps without a step between them.
     """
 
     problem: Problem
@@ -152,9 +155,10 @@ class Continuations:
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
     def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
-        """Return the state (2n,) at the time `there`, or None if forces change too much for a leap.
+        """Return the state (2n,) after a leap to the time `there`, or None if forces change too much for a leap.
 
-        `switched` returns True if the equations switch within some time. Then forces are compared after the switch.
+        `switched` takes a duration and returns True if the equations switch within this time. Then the forces after the
+        switch are compared with those at the end.
         """
         part = replace(
             self.problem,
@@ -181,7 +185,7 @@ class Continuations:
         return y if self._steady(start, between, (there, y)) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
-        """Set the driver to the state at the end of a leap. `row` is the number of the row at which the leap begins."""
+        """Set the driver's state to y (2n,) at the time `there`, the end of a leap from the accepted state `row`."""
         taylor = state.taylor
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
@@ -194,13 +198,13 @@ class Continuations:
         state.y[:] = y
 
     def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
-        """Return the dense output of a leap."""
+        """Return the dense output of a leap to y (2n,) at the time `there`."""
         return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
         """Return True if the accelerations at both ends of a leap are nearly equal, or grow from the first end.
 
-        `points` are times and states at the first end, early in the leap, and at the last end.
+        `points` are three pairs of time and state: at the begin of the leap, early in it, and at its end.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v

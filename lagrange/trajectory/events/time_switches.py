@@ -87,9 +87,9 @@ class TimeSwitches:
         state.reals[DriverState.END] = self._after = self._problem.t1
 
     def passes(self, state: DriverState) -> bool:
-        """Move a driver at the end of its call to the other side of the surface. Return False at the end of the run.
+        """Move a driver that stopped before a surface of time to the time after it. Return False at the end of the run.
 
-        The state does not change over these few spacings of time.
+        These two times are a few floating-point spacings apart, so the state does not change.
         """
         if state.t == self._problem.t1:
             return False
@@ -124,7 +124,10 @@ class TimeSwitches:
             yield from sorted(switches, key=lambda switch: self._forward * switch[0])
 
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
-        """Return the last time with the side that a surface has at `low`, and the first with its side at `high`."""
+        """Return the neighbouring times between `low` and `high` at which a surface of time changes its side.
+
+        The first time has the side of `low`, the second has the side of `high`.
+        """
         first, last = self._values(np.array([low, high]))[surface]
         old, new = np.sign(first), np.sign(last)
         while np.nextafter(low, high) != high:

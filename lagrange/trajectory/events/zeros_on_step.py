@@ -224,8 +224,8 @@ class StepZeros:
     """The zeros of an event on a step, in units of the step, in order.
 
     `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is the fraction
-    at which the event function ceases to have a value, else infinity. If it starts at zero, `leaving` is its sign after
-    the start and the leading power of time; 0 if it stays zero.
+    of the step from which the event function has no value, else infinity. For a function that starts at zero, `leaving`
+    is the sign after the start, 0 if it stays zero, and the leading power of time.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
@@ -253,7 +253,7 @@ def trace(
     """Return the zeros on a step of event function number `place` minus `level`, with the sides.
 
     `noise` is the error of the function, and `before` its side before the step. `zero` is True if the function starts
-    at the level with an undecided side. `last` is True if no step follows. `isolate` is the procedure that isolates
+    at `level` with an undecided side. `last` is True if no step follows. `isolate` is the procedure that isolates
     roots.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
@@ -283,9 +283,9 @@ def trace(
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros up to a fraction `s` of the step, at which the motion ends, and the side there.
+    """Return the zeros up to the fraction `s` of the step at which the motion ends, and the side at this point.
 
-    `decided` is True if the slope decides the side of a function that is zero there. Otherwise the side is undecided.
+    If the function is zero at this point, its slope decides the side if `decided`; otherwise the side is undecided.
     """
     zeros: list[Root] = []
     side = found.parts[0][1] if found.parts else found.after
@@ -316,7 +316,7 @@ def _starts_clear(piece: LocalPolynomial) -> bool:
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return a function that starts at zero, divided by time. This removes the known zero; the next may be close.
+    """Return a function that starts at zero, divided by time. This removes the known zero, as the next may be close.
 
     The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """
@@ -325,9 +325,9 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
 
 
 def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return the divided function from its integrated derivative, without the rounding of a large constant in it.
+    """Return event function `place` divided by time, computed from the integral of its derivative.
 
-    For example, the landing of a ball shows in its velocity, whatever the height of the floor.
+    This avoids the rounding of a large constant in the function, such as the height of the floor on which a ball lands.
     """
     values = sample.rates(piece.width * nodes())[place] * piece.width
     if not np.isfinite(values).all():
@@ -339,7 +339,10 @@ def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPoly
 
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
-    """Return the sign after a start at zero, and the leading power of time, from the function divided by time."""
+    """Return the sign of a function just after a start at zero, and its leading power of time.
+
+    `piece` is the function divided by time.
+    """
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
     if not len(beyond):
         return 0, 0
