@@ -37,7 +37,7 @@ class Starts:
 class Ends:
     """Results of m members: columns by name, each with m rows, as `lagrange.members.keep` defines them.
 
-    `messages` are those of members that did not succeed, by row.
+    `messages` maps the rows of members that did not succeed to their messages.
     """
 
     columns: Mapping[str, Any]
@@ -50,7 +50,7 @@ class Ends:
 
 
 class Table(Protocol):
-    """Members by their numbers, from 0 on."""
+    """Protocol of a table of members, which are numbered from 0 on."""
 
     def __len__(self) -> int:
         """Return the number of members."""
@@ -106,7 +106,7 @@ class Results:
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:
-        """Return a column."""
+        """Return the column `name`, with a row for each member."""
         return self.columns[name]
 
     def row(self, name: str, member: int) -> Any:
@@ -114,7 +114,7 @@ class Results:
         return self.columns[name][member]
 
     def take(self, first: int, ends: Ends) -> None:
-        """Copy the results of a chunk to rows `first` and following. Rows of members that were not run remain blank."""
+        """Copy the results of a chunk to the rows from `first` on. Rows of members that were not run remain blank."""
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows

@@ -1,4 +1,4 @@
-"""The common data of all members of an ensemble, which are sent to other processes, and runs of chunks."""
+"""The data that all members of an ensemble share, which other processes receive, and runs of chunks."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ ENGINES_KEPT = 4
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The run of the first member, the options of all members, and the selected results.
+    """The options that all members share, and the selection of stored results.
 
-    `varying` is True if each member has its own parameters.
+    `problem` is the run of the first member. `varying` is True if each member has its own parameters.
     """
 
     problem: Problem
@@ -77,8 +77,8 @@ class Job:
 class ChunkResult:
     """The results of a chunk, the seconds that it took, and how its members were run.
 
-    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler; "" for
-    chunks of this process and without compiled code.
+    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler in
+    another process; it is "" for chunks of this process, and for runs without compiled code.
     """
 
     ends: Ends
@@ -93,7 +93,7 @@ _LOCK = Lock()
 
 
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
-    """Run members in a worker process, which compiles each pickled job once."""
+    """Run members by a pickled `job` in a worker process, which compiles each job once."""
     key = hashlib.sha256(job).digest()
     with _LOCK:
         if key not in _ENGINES:

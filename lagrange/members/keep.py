@@ -32,7 +32,7 @@ OUTPUT_TIME = "t"
 
 
 class Column(NamedTuple):
-    """An array with a row for each member: its name, the shape and dtype of a row, and the value `blank`."""
+    """An array with a row for each member: its name, the shape and dtype of a row, and the value of unwritten rows."""
 
     name: str
     shape: tuple[int, ...]
@@ -68,8 +68,8 @@ class Reduction(NamedTuple):
 class Keep:
     """The selection of results that are stored for each member.
 
-    `end` is the last state, `counts` are the numbers of steps and evaluations, `drift` is that of the energy, and
-    `events` is the number of occurrences of each event.
+    A flag is True if these results are stored: `end` the last state, `counts` the numbers of steps and evaluations,
+    `drift` the drift of the energy. `events` is the largest number of stored occurrences of each event.
     """
 
     end: bool
@@ -101,12 +101,12 @@ class Keep:
 
 
 def event_times(k: int) -> str:
-    """Return the name of the column of the times of an event."""
+    """Return the name of the column with the times of the event with index k."""
     return f"t_event_{k}"
 
 
 def event_states(k: int) -> str:
-    """Return the name of the column of the states at an event."""
+    """Return the name of the column with the states at the event with index k."""
     return f"y_event_{k}"
 
 
@@ -160,7 +160,7 @@ def entry_for(label: str) -> str:
 
 
 def end_row(label: str, names: Sequence[str]) -> int | None:
-    """Return the row of the state for a name such as theta_end, or None for other names."""
+    """Return the index of theta in `names` for the label theta_end, and None for labels without this suffix."""
     name = label.removesuffix("_end")
     return names.index(name) if name != label and name in names else None
 
@@ -240,12 +240,15 @@ class SampledRun:
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
     ) -> FloatArray:
-        """Return an expression (K,) at times (K,) and states (2n, K), with parameters (k, K) or those of the member."""
+        """Return an expression (K,) at times (K,) and states (2n, K), with parameters (k, K) or the member's."""
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
         return self.model.evaluate_expression(expression, times, states, values)
 
     def _parameters(self, low: int, high: int) -> Parameters:
-        """Return the parameters at the points of the steps `low` to `high` - 1, (k, (high - low)*POINTS)."""
+        """Return the parameters at the sample points of the steps `low` to `high` - 1, (k, steps * points).
+
+        If no event sets parameters, return those of the member, (k,).
+        """
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
             return begin
@@ -270,9 +273,9 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Sampled steps of a run, at K = `SAMPLE_POINTS` points each: times (k, K), states (2n, k, K), and parameters.
+    """Samples of k steps of the run `of`, at K = `SAMPLE_POINTS` points each: times (k, K), states (2n, k, K).
 
-    The number of steps is k.
+    `parameters` are those at the points, in the form of `SampledRun._parameters`.
     """
 
     of: SampledRun
@@ -292,7 +295,7 @@ class _Steps:
         return values.reshape(self.times.shape)
 
     def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
-        """Return an expression (m,) inside the steps `which` (m,), at one fraction of each."""
+        """Return an expression (m,) inside the steps `which` (m,), at the `fractions` (m,) of these steps."""
         times = self.times[which, 0] + fractions * self.lengths[which]
         return self.of._values(expression, times, self.of.run.dense(times))
 
@@ -336,9 +339,10 @@ class _Extremum:
             self._search(steps, *brackets)
 
     def _brackets(self, steps: _Steps, values: FloatArray, f: FloatArray) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k) and values there (3, k).
+        """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k), and values (3, k) at these.
 
-        The bound is that of `lagrange.algorithm.members.along.raised`.
+        `values` are the samples of the expression, and `f` the same times the sign, 1 or -1. The upper bound of a
+        maximum is explained in `lagrange.algorithm.members.along.raised`.
         """
         x = np.broadcast_to(lobatto()[0], f.shape)
         a, b, c = f[:, :-2], f[:, 1:-1], f[:, 2:]
@@ -359,7 +363,7 @@ class _Extremum:
     ) -> tuple[Any, Any, Any]:
         """Return brackets for those steps of `which` on which the expression rises from an end into the next gap.
 
-        `first` is the index of the point before the gap.
+        `first` is the index of the sample point before the gap. `values` and `f` are the arguments of `_brackets`.
         """
         x, near = lobatto()[0], np.full(len(which), END_SLOPE_AT if first == 0 else 1.0 - END_SLOPE_AT)
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
@@ -376,5 +380,5 @@ class _Extremum:
             self.best = float(search(*step, sign, *places[:, k].tolist(), *values[:, k].tolist(), self.best))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
-        """Return the value at a fraction of a step, given as (1,)."""
+        """Return the value of the expression at a fraction of the step `which` (1,)."""
         return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])

@@ -61,9 +61,9 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 @dataclass(frozen=True)
 class MemberEvents:
-    """Event functions of members: `nodes` with their reactions.
+    """Event functions of members: `nodes`, each with a reaction (direction, terminal count, reset).
 
-    The first `events` are the user's; the others are roots.
+    The first `events` nodes are events of the user. The others are square roots in the equations of motion.
     """
 
     nodes: tuple[Node, ...]
@@ -100,8 +100,8 @@ class MemberEvents:
 class MemberTasks:
     """Tasks of the machine code in addition to steps.
 
-    `reductions` are evaluated along the steps, `path` is the dense output that they need, `varying` is True if each
-    member has its own parameters, and `watched` has the events.
+    `reductions` are evaluated along the steps. `path` is the dense output for reductions and events, or None.
+    `varying` is True if each member has its own parameters. `watched` has the events, or is None.
     """
 
     reductions: tuple[Reduction, ...]
@@ -114,9 +114,10 @@ class MemberTasks:
 class Compiled:
     """Machine code for members.
 
-    `prepare` computes the `size` numbers that depend on parameters alone; it is None if each member has its own
-    parameters. `observed` is the number of observed values of a state: the energy and the momenta. `read` has
-    read-only arrays by argument name. `events` is the number of the user's events.
+    `prepare` computes the parameters followed by all values that depend on them alone, `size` values in total. It is
+    None if each member has its own parameters: the code then computes these values. `observed` is the number of values
+    that are computed for a state: the energy and the momenta. `read` has read-only arrays by argument name. `events` is
+    the number of the user's events.
     """
 
     code: MemberRuns
@@ -284,9 +285,10 @@ class LaneEngine:
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Write the last state where a run ended at an output time, and NaN at output times after its end.
+        """Complete the states `outputs` (m, K, 2n) of m members at the output times `wanted` (K,), in place.
 
-        `outputs` (m, K, 2n) is changed; `wanted` (K,) are the output times, `states` (m, 2n) and `times` (m,) the ends.
+        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, write its last
+        state there. Write NaN at output times after the end of a run.
         """
         t0, t1 = self.alone.span
         for index in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
@@ -298,10 +300,11 @@ class LaneEngine:
     def unexplained(
         self, starts: Starts, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return a mask (m,) of the members whose end only a single run can explain.
+        """Return a mask (m,) of members that ended early and have to run again one by one, for the cause of the end.
 
-        They took no step, or may have lost their inertia. If steps became too small before a state without derivatives,
-        the domain of the equations ends there; the code becomes `LOST`.
+        `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events all members that
+        ended early are in the mask, else those that took no step, or whose mass matrix may have become singular. Codes
+        are changed in place: STUCK becomes LOST where a small step along the slope leaves the domain of the equations.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
         stuck = codes == STUCK
@@ -316,7 +319,7 @@ class LaneEngine:
         return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))
 
     def settings(self, count: int) -> dict[str, Any]:
-        """Return the scalar arguments of the machine code for `count` members, as in `Tolerances.begin`."""
+        """Return the scalar arguments of the machine code for `count` members: time span, tolerances and limits."""
         tolerances, (t0, t1) = self.plan.tolerances, self.alone.span
         return {
             "count": count,
@@ -331,7 +334,7 @@ class LaneEngine:
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters (m, k) of all members, or the prepared numbers of parameters that they share."""
+        """Return the parameters (m, k) of all members, or the result of `Compiled.prepare` if they share them."""
         if self.compiled.prepare is None:
             return np.ascontiguousarray(starts.parameters)
         prepared = np.zeros(self.compiled.size + 1)
@@ -369,7 +372,7 @@ def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial
 
 
 def _kind(plan: Plan) -> Any:
-    """Return the key of a plan for cached code: the order of a series, or the step program."""
+    """Return the property of a plan on which compiled code depends: the order of a series, or the step program."""
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 

@@ -35,7 +35,10 @@ def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def start_name(label: str, names: Collection[str]) -> str:
-    """Return the name of the varied values of a label: with the suffix `_start` for an entry of the state."""
+    """Return the name under which the varied values of `label` are stored.
+
+    An entry of the state, one of `names`, gets the suffix `_start`, because its last values have the plain name.
+    """
     return f"{label}_start" if label in names else label
 
 
@@ -102,7 +105,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
 
 
 def _number(given: Any, name: str) -> float | None:
-    """Return an option as a float for JSON, from any number of NumPy or SymPy, or None."""
+    """Return the option `name` as a float for JSON, from a number of Python, NumPy or SymPy; None stays None."""
     return None if given is None else real_number(given, name)
 
 
@@ -140,7 +143,7 @@ def _steps(method: Any) -> str | None:
 
 
 def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return a text that lists the entries in which a stored description differs from the present one, or ""."""
+    """Return a text that lists the entries in which the stored description `found` differs from `wanted`, or ""."""
     differ = [name for name in wanted if found.get(name) != wanted[name]]
     if not differ:
         return ""

@@ -41,7 +41,7 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return the kinetic energies (m,) as |v.p| / 2."""
+        """Return |v.p| / 2 (m,) of states y (m, 2n): the kinetic energies. `observed` has the energies and momenta."""
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 
@@ -53,7 +53,7 @@ class Energies:
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """A mask (m,) of members whose energy changed so much that a single run has to test its result.
+        """A mask (m,) of members whose energy changed so much that they run again one by one, with the full test.
 
         The limits are those of the first tests in `lagrange.trajectory.measures.conservation`.
         """
@@ -65,9 +65,9 @@ class Energies:
 
 
 def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the changes of energies (m,), relative to the largest of the first energy and the kinetic energies.
+    """Return the changes of the energies from `first` to `last` (m,), relative to a scale.
 
-    `kinetic` (m,) are the kinetic energies at the start, `after` (m,) those at the end.
+    The scale is the largest of |first| and the kinetic energies at the start, `kinetic`, and at the end, `after`, (m,).
     """
     scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
     with np.errstate(all="ignore"):
@@ -191,7 +191,7 @@ class RunEngine:
         return np.array(self.span[1:]) if self.times is None else self.times
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
-        """Return the results of a run by column name; `start` is its member."""
+        """Return the results of a run by column name. `start` has the initial values of its member."""
         dimension = self.model.layout.size
         entries: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
@@ -217,7 +217,7 @@ class RunEngine:
         return run.dense(np.array([run.span[1]]))[:, 0]
 
     def outputs(self, run: Trajectory, times: FloatArray) -> FloatArray:
-        """Return the states (K, 2n) at the output times (K,), NaN at those that the run did not reach."""
+        """Return the states (K, 2n) at the output times (K,), NaN at times that the run did not reach."""
         states = np.full((len(times), self.model.layout.size), np.nan)
         if not self.keep.reductions:
             states[: len(run.t)] = run.y.T
@@ -230,7 +230,7 @@ class RunEngine:
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members by the flow of a model. `alone` repeats those that do not reach the end, for their message."""
+    """Runs members by the flow of a model. `alone` runs members again that do not reach the end, for a message."""
 
     alone: RunEngine
     flow: Flow
@@ -272,7 +272,7 @@ class FlowEngine:
 def flow_engine(alone: RunEngine) -> FlowEngine | None:
     """Return the engine that runs members by a flow, or None if more than the last states is stored.
 
-    A flow has no events, which may end a run, or change its state and parameters.
+    A flow has no events. Events may end a run, or change its state and parameters.
     """
     if alone.options.events is not None or {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
         return None

@@ -16,7 +16,10 @@ Report = Callable[[float], None] | None
 
 
 class ResultStorage(ABC):
-    """Storage of results. `left` are the bounds of blocks of members to be run; `ran` is the number of runs."""
+    """Storage of results. `left` are the bounds (first, end) of blocks of members still to be run.
+
+    `ran` is the number of members that were run.
+    """
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
         self.job, self.left = job, left

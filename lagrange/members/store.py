@@ -140,7 +140,7 @@ class StoreBlocks:
         self.count, self._members = -(-members // size), members
 
     def bounds(self, k: int) -> tuple[int, int]:
-        """Return the number of the first member of block k, and of the one after its last."""
+        """Return the numbers of the first member of block k and of the first member after it."""
         return k * self.size, min((k + 1) * self.size, self._members)
 
     def left(self) -> list[tuple[int, int]]:
@@ -183,7 +183,7 @@ class StoreBlocks:
         return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
 
     def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
-        """Return the rows of a block, or `blank` if it is not written. Raises RunError if a checksum differs."""
+        """Return `rows` of block k, or `blank` if the block is not written. Raises RunError if a checksum differs."""
         if not sums.all():
             return blank
         if checksum(rows) != sums[self.names.index(name)]:

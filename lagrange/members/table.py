@@ -34,8 +34,8 @@ from lagrange.trajectory.trajectory import FloatArray
 class MemberTable:
     """Members by their common state (2n,) and parameters (k,), and by the entries that vary.
 
-    `rows`, `rates` and `columns` map rows of the state, rates of rotations and indices of parameters to the keys of
-    `varied` that replace them.
+    `varied` has the values of each varying key. `rows`, `rates` and `columns` map the row of the state, the rate of a
+    rotation, or the index of the parameter that varies to its key.
     """
 
     varied: Varied
@@ -162,7 +162,7 @@ def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
 
 
 def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the common numbers by key, and the varying values, of the argument named `what`."""
+    """Return the values by key that all members share, and the varying values, of the argument named `what`."""
     if given is None:
         return {}, []
     if isinstance(given, Varied):
@@ -207,7 +207,7 @@ def _values(label: str, given: Any) -> FloatArray:
 
 
 def _together(sources: list[Varied]) -> Varied:
-    """Return varying values joined member by member. Raises StatementError for different lengths and equal keys."""
+    """Return varying values of several sources as one. Raises StatementError for different lengths or a common key."""
     if len(sources) == 1:
         return sources[0]
     lengths = {label_of(key): len(source) for source in sources for key in source.keys}

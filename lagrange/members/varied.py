@@ -29,7 +29,7 @@ MOST_MEMBERS = 10**12
 class Varied(ABC):
     """Values of coordinates, velocities and parameters by member. In a grid the last axis varies fastest.
 
-    `given` are the stated values by key. `drawn` describes the sampling of random values.
+    `given` has the stated values by key. `drawn` describes how random values were sampled.
     """
 
     given: Mapping[Any, FloatArray]
@@ -179,7 +179,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
-    """Return the values (m,) of a range or a distribution at the probabilities `parts` (m,)."""
+    """Return the quantiles (m,) of a range (low, high) or a distribution at the probabilities `parts` (m,)."""
     quantile = getattr(given, "ppf", None)
     if callable(quantile):
         # At probability 0, which a sequence may contain, a normal distribution has no value.
@@ -200,7 +200,7 @@ def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
 
 
 def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatArray) -> FloatArray:
-    """Return the quantiles (m,) of a distribution at probabilities `parts` (m,). Raises StatementError for others."""
+    """Return the quantiles (m,) of a distribution at probabilities `parts` (m,), checked for errors and shape."""
     what = f"the distribution of {label}"
     try:
         quantiles = quantile(parts)

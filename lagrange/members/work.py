@@ -137,22 +137,22 @@ Take = Callable[[int, ChunkResult], None]
 
 @dataclass
 class ChunkSize:
-    """The size of the next chunk in members, from the times of former chunks, so that it takes `fitting` seconds."""
+    """Computes the number of members of the next chunk, so that a chunk takes about `fitting` seconds."""
 
     size: int
     fitting: float
 
     def note(self, members: int, seconds: float, side_by_side: int) -> None:
-        """Adapt the size to the seconds that a chunk took.
+        """Adapt the size to the seconds that a chunk of `members` members took.
 
-        It is at least `side_by_side`, so that all lanes are used.
+        The size is at least `side_by_side`, so that all lanes are used.
         """
         fitting = int(members * self.fitting / max(seconds, 1e-9))
         self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
 
 def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
-    """Run the members of blocks (first, end), end excluded, in order.
+    """Run the members of `blocks`, pairs (first, end) with end excluded, in order.
 
     `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an error
     or Ctrl-C, submitted chunks are awaited and their results are taken, too.
@@ -204,7 +204,7 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
 
 
 def _result(future: Any) -> ChunkResult:
-    """Return the result of a chunk. Raises RunError if the executor failed, and the error of a member if it has one."""
+    """Return the result of a chunk. Raises RunError if the executor failed, or the error that a member raised."""
     with _working():
         result = future.result()
     if not isinstance(result, ChunkResult):
@@ -235,7 +235,7 @@ def _working() -> Iterator[None]:
 def _take_finished(under_way: dict[int, Any], take: Take) -> None:
     """Wait for submitted chunks and take their results, except those that were cancelled or failed.
 
-    This reads the futures, not the queue: Ctrl-C may have interrupted the removal of an entry from the queue.
+    The futures in `under_way` are read, not the queue of finished chunks: Ctrl-C may have interrupted its reading.
     """
     for first, future in under_way.items():
         if not future.cancelled() and future.exception() is None:

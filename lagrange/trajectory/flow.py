@@ -44,7 +44,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """The driver of a flow, its state, and the states of a run that were passed; each thread has its own."""
+    """The driver of a flow, its state, and the accepted states of the present run. Each thread has its own record."""
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
@@ -180,7 +180,10 @@ class Flow:
     def _over_no_crossing(
         self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
     ) -> bool:
-        """Advance to the end of a run. Return True if it was reached without a crossing of motions before it."""
+        """Advance to the end of a run. Return True if it was reached, and rounding decided the motion nowhere.
+
+        Rounding decides the motion where constraints are dependent. `start` is the first time and state.
+        """
         passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
         passed.begin(start)
         counts[DriverState.RECORD] = 1
@@ -199,7 +202,7 @@ class Flow:
         return outcome is Outcome.DONE
 
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
-        """Return True if a run is slow because of rounding noise: then `integrate` has to run it with higher floors.
+        """Return True if a run is slow because of rounding noise, so that `integrate` has to run it with higher floors.
 
         Raises RunError if the run, at its pace so far, needs more than `max_steps` for another reason.
         """
@@ -257,7 +260,7 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray | None = None,
     ) -> FloatArray:
-        """Return states (2n, N) of a run by the integrator, the last at t1. With `times` they are those at these times.
+        """Return the states (2n, N) at `times` (N,) of a run by `integrate`, or its accepted states if `times` is None.
 
         Raises RunError with the message of a run that failed.
         """

@@ -38,9 +38,9 @@ LEAST_ATOL = 1e-300
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.
 
-    They are the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
-    absolute tolerance of an entry is at least that fraction of its largest size so far: it follows the scale, and
-    `atol` is its first value. A driver uses `margin` times the tolerances.
+    They are the relative and absolute tolerance and the longest step, or the size of equal steps. If `share` is not
+    zero, the absolute tolerance of an entry of the state begins with `atol` and is at least `share` times the largest
+    size of the entry so far. A driver uses `margin` times the tolerances.
     """
 
     rtol: float = 0.0
@@ -116,10 +116,10 @@ def _positive(limit: float | None, name: str, unit: str) -> float | None:
 class Claims:
     """The properties that a method claims. Tests check them for every registered method.
 
-    `symplectic` holds for systems with a constant mass matrix; for methods of the law of momenta for all systems
-    without constraints; for those with multipliers also with constraints on coordinates. `symmetric`: a step of -h
-    reverses a step of h. `energy`: the energy of a conservative system is conserved up to rounding. `events`: the
-    method locates events. `dense` is the order of the dense output.
+    `symplectic`: a step is symplectic for systems with a constant mass matrix. Methods that integrate momenta are so
+    for all systems without constraints, and methods with multipliers also with constraints on coordinates. `symmetric`:
+    a step of -h reverses a step of h. `energy`: the energy of a conservative system is conserved up to rounding.
+    `events`: the method locates events. `dense` is the order of the dense output.
     """
 
     order: int
@@ -148,9 +148,9 @@ class Problem:
     `max_steps` is the largest number of trial steps, accepted or not, and `max_wall` the time limit in seconds.
     `max_memory` is the largest number of stored bytes, None for a quarter of the machine's memory. `began` is the time
     of the request by `time.perf_counter`. `events` are checked against the model's statement. `progress` is called
-    several times during the run with the time that it has reached. `whole` is the problem of the whole run if this one
-    is a segment: messages state its span and limits. `largest` (2n,) are then the largest absolute values of the
-    entries in the run so far.
+    several times during the run with the time that the run has reached. If this problem is a segment of a run, `whole`
+    is the problem of the whole run, for messages with its span and limits, and `largest` (2n,) are the largest absolute
+    values of the entries in the run so far.
     """
 
     model: Model

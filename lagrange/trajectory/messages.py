@@ -188,14 +188,14 @@ def outputs_alone(problem: Problem) -> str:
 
 
 def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
-    """Return a run over a span as interrupted: Ctrl-C was pressed during the search for the cause of its end."""
+    """Return a run over `span` with the status INTERRUPTED: Ctrl-C stopped the search for the cause of its end."""
     end = f"at t = {number(run.span[1])} on the way from {number(span[0])} to {number(span[1])}"
     sentence = f"{run.method} {_SENTENCES[Status.INTERRUPTED].format(where=end)}"
     return replace(run, status=Status.INTERRUPTED, message=sentence)
 
 
 def events_fill(problem: Problem) -> str:
-    """Return the cause and the remedy for a run that stores no steps, and has no memory for more events."""
+    """Return the cause and the remedy for a run that stores no steps, and has no memory left for more events."""
     return (
         f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
         "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
@@ -220,8 +220,8 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
     """Return the cause and the remedy if a small entry of the state `y` (2n,) limits the step.
 
-    `which` has the row of this entry, and the row of the largest of its kind, a coordinate or a velocity. `atol` is the
-    present absolute tolerance of the latter.
+    `which` has the index of this entry, and the index of the largest entry of its kind, a coordinate or a velocity.
+    `atol` is the present absolute tolerance of the largest entry.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = row_names(problem), which
@@ -235,7 +235,8 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
     """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol.
 
-    `states` are (S+1, 2n). An entry that is rounding of the others of its kind is ignored.
+    `states` (S+1, 2n) are the accepted states. An entry that is only rounding of other entries of its kind,
+    coordinates or velocities, is ignored.
     """
     if not status.complete or not tolerances.rtol:
         return

@@ -39,10 +39,10 @@ class Part(NamedTuple):
 class AcceptedStates:
     """The accepted states so far, in the parts that the driver wrote.
 
-    If `outputs_alone`, all but the last may be dropped when memory is used up; `dropped` is then True, and `removed` is
-    the number of dropped parts. `followed` evaluates output times during the run, or is None. `discontinuities` tests
-    constraints that may jump; `passed` is the first discontinuity, which ends the run. `approach` measures how close
-    constraints come to dependence. `switches` ends steps at switches of time.
+    If `outputs_alone`, all states but the last may be dropped when memory is used up; `dropped` is then True, and
+    `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
+    `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
+    `approach` measures how close constraints come to dependence. `switches` ends steps at switching times of forces.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -124,9 +124,9 @@ class AcceptedStates:
         self.parts, self.bytes = [kept], 0
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
-        """Return the times (S+1,) and states (S+1, 2n).
+        """Return the accepted times (S+1,) and states (S+1, 2n).
 
-        If states were dropped, they are start, largest sizes and end.
+        If states were dropped, there are three rows: the start, the largest sizes of the entries, and the end.
         """
         if self.removed:
             times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
@@ -162,9 +162,9 @@ class FollowedSteps:
         """
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
-        """Return the states (2n, count) at the first output times.
+        """Return the states (2n, count) at the first `count` output times.
 
-        For times not yet evaluated it is the state `last`.
+        At output times that are not yet evaluated, the state is `last` (2n,).
         """
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
@@ -192,10 +192,7 @@ class FollowedSteps:
         self._known = *kept, first + len(times) - keep, ended + len(here), removed + len(parts)
 
     def _wanted_of(self, ends: FloatArray) -> list[int]:
-        """Return the numbers of the smooth pieces that contain output times.
-
-        `ends` are the last times of the pieces.
-        """
+        """Return the indices of the smooth pieces, with the last times `ends`, that contain output times."""
         until = np.searchsorted(self._rising, self._forward * ends)
         return np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist()
 

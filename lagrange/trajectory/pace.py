@@ -1,4 +1,4 @@
-"""The pace of a run: limits of compilation time and memory, slow runs, and causes such as sticking."""
+"""Tests of slow runs for rounding noise and for sticking to a surface, and limits of compile time and memory."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def stuck(
 ) -> EventResult | None:
     """Return the end of a run at time t if its last accepted states stick to a surface, else None.
 
-    `covered` is the duration of the run since the last test, and `rows` the largest number of states.
+    `covered` is the time by which the run advanced since the last test. The last `rows` states at most are tested.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
@@ -55,10 +55,10 @@ def stuck(
 def _led_back(
     problem: Problem, nodes: tuple[Node, ...], last: tuple[FloatArray, FloatArray], covered: float
 ) -> int | None:
-    """Return the first surface near all states to which the motion returns from both sides, or None.
+    """Return the index of the first surface to which all states in `last` return from both sides, or None.
 
-    A state on the other side is its mirror image at the surface. A state is near if its rate leads to the surface
-    within the time `covered` since the last test.
+    The state on the other side of a surface is the mirror image of the state. A state counts only if its motion reaches
+    the surface within the time `covered`. `nodes` are the surfaces.
     """
     times, states = last
     equations, count = problem.model.equations, len(nodes)
@@ -78,9 +78,9 @@ def _led_back(
 
 
 def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
-    """Return True if the motion on both sides leads to the surface within a time.
+    """Return True if the motion on both sides of a surface leads to it within a time, negative for a run backwards.
 
-    `here` and `beyond` are values and rates (2, k) on the two sides. The time is negative for a run backwards.
+    `here` and `beyond` are the values and rates (2, k) of the surface at k states and at their mirror images.
     """
     (g, rise), (other, rise_there) = here, beyond
     near = (np.abs(g) <= np.abs(rise * time)) & (g * other < 0)
@@ -110,10 +110,10 @@ class Pace:
         self._problem, self._tries, self._t = problem, 0, problem.t0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
-        """Raise the floors of a slow run. Return its end if it sticks, else the result of its last steps.
+        """Raise the floors of a slow run. Return the end of a run that sticks, else `result`, that of the last steps.
 
-        A run may stick in three cases: it would use up its steps at the rate since the last test; its steps become too
-        small; an implicit step of any length did not converge. `parts` are its accepted states.
+        Sticking is tested in three cases: the run would reach `max_steps` at the pace since the last test; steps become
+        too small; an implicit step of any length did not converge. `parts` are the accepted states.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
@@ -134,9 +134,10 @@ class Pace:
 
 
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
-    """Return the entry that limits the step if its tolerance is far below those of its kind, with the largest of these.
+    """Return the index of the entry that limits the step, and of the entry of its kind with the largest tolerance.
 
-    Returns None otherwise. The entry has the largest error of one step of DOPRI5, relative to its tolerance.
+    The limiting entry has the largest error of one step of DOPRI5, relative to its tolerance. Returns None unless this
+    tolerance is far below those of other entries of its kind, coordinates or velocities.
     """
     y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)

@@ -73,10 +73,10 @@ def _counted(event: Event, count: int) -> Event:
 def joined(
     problem: Problem, parts: Sequence[Trajectory], note: str = "", *, both_at_joints: bool = False
 ) -> Trajectory:
-    """Return the parts of a run joined to one run, with a note after its message.
+    """Return the parts of a run joined to one run, with `note` after the message.
 
-    Without output times, the last state of a part and the first state of the next may have the same time. The second is
-    dropped, unless `both_at_joints`.
+    Without output times, the last state of a part and the first state of the next part may have the same time. The
+    later state is dropped, unless `both_at_joints`.
     """
     first, last = parts[0], parts[-1]
     t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)
@@ -119,8 +119,8 @@ class _AfterEvent:
 def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
     """Return the run of a problem whose events set parameters. `run` runs a problem with constant parameters.
 
-    An event that sets parameters ends a segment. All resets at its time are computed from the state and the parameters
-    before it.
+    An event that sets parameters ends a segment. All resets at the time of the event are computed from the state and
+    the parameters before it.
     """
     # Each segment has the same event objects, so that methods prepare them once.
     ending = tuple(_ending(event, problem) if event.settings else event for event in problem.events)
@@ -166,8 +166,8 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
 def _ending(event: Event, problem: Problem) -> Event:
     """Return an event that sets parameters as a terminal event, which ends a segment.
 
-    Its reset marks it as a contact. With constraints the reset is omitted: the state after it must satisfy them with
-    the new parameters.
+    The reset is kept, because an event with a direction and a reset is a contact. With constraints the reset is left
+    out: the state after it has to satisfy the constraints with the new parameters.
     """
     reset = {} if problem.model.equations.constraints else event.reset
     return Event(event.expression, event.direction, 1, reset)
@@ -183,7 +183,10 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
 
 
 def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
-    """Return True if the end of a segment is the zero at its start, found again because of rounding."""
+    """Return True if a segment from `begin` ended at once by the event at its start, because of rounding.
+
+    `met` are the events at its end.
+    """
     moved = any(problem.events[i].reset for i in met)
     return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
 
@@ -197,9 +200,9 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
 
 
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _AfterEvent:
-    """Return the state and the parameters after the events `acting` at time t.
+    """Return the state and the parameters after the events with indices `acting` at time t.
 
-    `before` (2n,) is the state before them.
+    `before` (2n,) is the state before the events. `segment` has the parameters before them.
     """
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
     effects = impacts(model, resets)
@@ -238,9 +241,9 @@ def _name(problem: Problem, i: int) -> str:
 
 
 def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
-    """Return a segment with one state only at the event that ends it: the state before the event.
+    """Return the segment `part` without the state after the event that ends it; the state before the event stays.
 
-    With output times there is no state at the event.
+    With output times no state at the event is stored.
     """
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
@@ -248,7 +251,7 @@ def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
 
 
 def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
-    """Return a part of zero length after the segment `part`: the state `y` (2n,) with a status, as the end of a run."""
+    """Return a part of zero duration after the segment `part`: the state y (2n,), with the status of the run's end."""
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)
     return replace(

@@ -213,7 +213,7 @@ class StepPlan:
 
 
 def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
-    """Return the state (2n,) plus h times the first slope that is not finite, searched up to eight steps ahead."""
+    """Return the state (2n,) plus h times a slope ahead: the first one that is not finite, within eight steps."""
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):
         slope = f(state.t + reach * h, state.y + reach * h * first)
@@ -237,8 +237,8 @@ Runs of larger systems take so long that making a new driver does not matter.
 class IdleDriver(NamedTuple):
     """A driver between two runs, the state that it advanced, and the `reals` of that state at the start of a run.
 
-    `steps` is the number of steps of its last run, for the first call of the next run; 0 if they took too long for one
-    call. `memory` is that of its watcher.
+    `steps` is the number of steps of the last run, which the first driver call of the next run takes at once; 0 if
+    these steps took too long for one call. `memory` is the memory of the watcher of events, or None.
     """
 
     driver: Driver
@@ -252,8 +252,8 @@ class IdleDriver(NamedTuple):
 class PreparedPlan:
     """A plan, the method that made it, and its idle drivers by the bytes of their parameters.
 
-    `span` is the only time span for which the plan is valid, None for any. `steps` is the number of steps of the last
-    run whose driver was not kept, or 0 if they took too long for one call.
+    `span` is the only time span for which the plan is valid, or None for any span. `steps` is the number of steps of
+    the last run whose driver was not kept, or 0 if these steps took too long for one call.
     """
 
     plan: Plan
@@ -306,7 +306,7 @@ class PreparedPlan:
 
 
 def prepared(method: Planned, problem: Problem) -> PreparedPlan:
-    """Return the plan of a method for a problem; that of a former run of the model if it is valid.
+    """Return the plan of a method for a problem. The plan of a former run of the model is used again if it is valid.
 
     Methods and events are compared by identity, since comparing two tableaux takes longer than making a plan.
     """

@@ -182,7 +182,10 @@ def _ended(
     detail: str,
     sentence: str,
 ) -> Trajectory:
-    """Return the trajectory of a run that has ended with a status, a detail and a sentence, which may be empty."""
+    """Return the trajectory of a run that has ended with a status, a `detail` for its message, and a last `sentence`.
+
+    Both texts may be empty. `rows` are the accepted states, and `began` is the start by `perf_counter`.
+    """
     if not sentence:
         status, detail = _why(problem, plan, state, rows, (status, detail))
         sentence = _final_sentence(problem, plan, name, state, status, detail)
@@ -204,7 +207,7 @@ def _why(
 ) -> tuple[Status, str]:
     """Return the status and detail of the end of a run.
 
-    They are `ended`, or SINGULAR with a detail if the equations are singular at the end.
+    The result is `ended`, or SINGULAR with a new detail if the equations are singular at the end.
     """
     status, detail = ended
     stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
@@ -328,7 +331,7 @@ def _advance_to_end(
     began: float,
     per_call: int,
 ) -> tuple[Status, str]:
-    """Advance until the run ends, first by `per_call` steps. Return its status and a detail for the message."""
+    """Advance to the end, in calls of first `per_call` steps. Return the status and a detail for the message."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
     times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)

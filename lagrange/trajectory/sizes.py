@@ -53,9 +53,9 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return floors (2n,) of the tolerances for a solver of another package, and the natural period.
+    """Return floors (2n,) of the tolerances for a solver of another package, and the natural period of the motion.
 
-    A floor is at least `share` times the size of its entry.
+    A floor is at least `share` times the size of its entry. `left` is the remaining time of the run, signed.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
@@ -86,7 +86,7 @@ def entry_sizes(
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the sizes (2n,) of entries, their sizes by coupling over the natural period, and that period.
+    """Return the sizes (2n,) of entries, the changes (2n,) due to other entries in a natural period, and the period.
 
     `left` is the remaining time of the run, signed. `force_points` are times and states (2n,) at which forces are
     evaluated.
@@ -121,7 +121,7 @@ def entry_sizes(
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) of entries without coupling: from their values, and their changes in a period."""
+    """Return the sizes (2n,) of entries: of their values, or their changes in a period at accelerations `force`."""
     q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])
@@ -155,7 +155,7 @@ class _Response:
     def rate(self, displacement: FloatArray) -> float:
         """Return the fastest rate of the motion near the state; 0 if nothing responds to a displacement (2n,).
 
-        Only entries that are displaced themselves count: the response of others is rounding at first.
+        Only entries that are displaced themselves count, because the change of other slopes is rounding at first.
         """
         displaced, fastest = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
@@ -210,8 +210,8 @@ def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
 def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
     """Return `NOISE_MULTIPLE` times the rounding noise of each entry (2n,); 0 if the mass matrix is singular.
 
-    The noise of a velocity is that of its acceleration over the natural time of the motion, at most the time `left`.
-    The noise of a coordinate is half of the product with that time again.
+    The noise of a velocity is the noise of its acceleration times the natural time of the motion, which is at most the
+    remaining time `left`. The noise of a coordinate is the noise of its acceleration times half of this time squared.
     """
     layout, law = model.layout, slopes_of(model, parameters)
     with np.errstate(all="ignore"):
@@ -234,7 +234,7 @@ def _noise(model: Model, parameters: FloatArray, t: float, y: FloatArray) -> Flo
 def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, noise: FloatArray) -> float:
     """Return the largest rate of the equations linearized at a state (2n,); 0 if nothing responds to displacements.
 
-    It is a spectral radius, and does not depend on the units of the entries. `noise` (n,) is that of accelerations.
+    This spectral radius does not depend on the units of the entries. `noise` (n,) is the noise of the accelerations.
     """
 
     def accelerations(state: FloatArray) -> FloatArray:
@@ -249,7 +249,7 @@ def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, 
 def _derivatives(
     accelerations: Callable[[FloatArray], FloatArray], y: FloatArray, j: int, force: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return the derivatives (n,) of accelerations by entry j; 0 if no displacement shows them.
+    """Return the derivatives (n,) of accelerations by entry j of the state; 0 if no displacement exceeds the noise.
 
     `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is their noise.
     """
@@ -340,10 +340,10 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
 
 
 def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
-    """Return floors (2n,) for entries that are rounding of others of their kind; 0 for the rest.
+    """Return floors (2n,) for entries that are rounding of other entries of their kind; 0 for the rest.
 
-    It is the last attempt for a run whose steps keep decreasing. For example, 1 + tanh(u) is rounded to zero and its
-    slope is not: no displacement shows that the effect of such a force is below its rounding.
+    This is the last attempt for a run whose steps keep decreasing. For example, the value of a force 1 + tanh(u) is
+    rounded to zero, but its slope is not. Then no displacement shows that the effect of the force is below rounding.
     """
     kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
     return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)

@@ -105,9 +105,9 @@ class Solution:
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row (N,) of a coordinate or a velocity, which `key` gives as SymPy expression or by name.
+        """Return the row (N,) of a coordinate or a velocity. `key` is a SymPy expression or a name.
 
-        Of a rotation R they are its matrices (N, 3, 3), and of a vector such as R.body or R*v its entries (3, N).
+        For a rotation R the result is its matrices (N, 3, 3), for a vector such as R.body or R*v its entries (3, N).
         """
         if isinstance(key, Rotation):
             matrices: FloatArray = np.moveaxis(self[key.matrix].reshape(3, 3, -1), 2, 0)
@@ -137,7 +137,7 @@ class Solution:
         return states_at(self.trajectory, t, len(self.names))
 
     def sampled(self, t: ArrayLike) -> Solution:
-        """Return the same run with other output times (K,), and the states of the dense output there.
+        """Return the same run with other output times (K,), and the states of the dense output at these times.
 
         Raises StatementError for a time that the run did not reach.
         """
@@ -147,8 +147,8 @@ class Solution:
     def parameters_at(self, t: ArrayLike) -> Parameters:
         """Return the parameters at times (K,), as the methods of a model take them.
 
-        Without events that set parameters this is `parameters` itself. Otherwise it is the values (k, K), with rows
-        in the statement's order.
+        Without events that set parameters the result is `parameters` itself. Otherwise it is an array (k, K), with a
+        row for each parameter in the statement's order.
         Raises StatementError for times that are not numbers.
         """
         return self.trajectory.parameters_at(np.atleast_1d(real_array(t, "t")), self.parameters)
@@ -192,7 +192,7 @@ class Solution:
     def momentum_drift(self) -> Mapping[str, FloatArray]:
         """The change of the momentum of each ignorable coordinate since the start, (N,), relative to its terms.
 
-        Empty for a system with contacts, whose forces may change them.
+        Empty for a system with contacts, whose forces may change the momenta.
         """
         from lagrange.mechanics.conserved import momentum_drifts
 
@@ -286,7 +286,7 @@ class Solution:
         return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))
 
     def require(self) -> Solution:
-        """Return the solution itself if the run is complete; raise RunError with its message if it is not."""
+        """Return the solution itself if the run is complete; else raise RunError with the run's message."""
         if not self.status.complete:
             raise RunError(self.message)
         return self

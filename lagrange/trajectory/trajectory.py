@@ -57,9 +57,10 @@ class ParameterHistory:
 
 
 def segment_numbers(begins: FloatArray, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
-    """Return the number of the segment at each of some times (K,), by the times `begins` (s,) of the segments.
+    """Return the index of the segment at each of some times (K,). `begins` (s,) are the times at which segments begin.
 
-    See `ParameterHistory.segments`. Of segments that begin at the same time, the last counts.
+    A time at which segments begin belongs to the last of these. If `times` has this time twice, the first occurrence
+    belongs to the segment before. `forward` is False for a run backwards in time.
     """
     sign = 1.0 if forward else -1.0
     numbers = np.searchsorted(sign * begins[1:], sign * times, side="right")
@@ -113,7 +114,7 @@ class Trajectory:
     duration in seconds without compilation. `form` says how the method computed its steps, if it has a choice. For
     each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
     length of equal steps, `rtol` and `atol` are the tolerances of adaptive methods; each is None if the method does
-    not have it. `history` has the parameters of each segment if events set some, `contacts` those of each mode.
+    not have it. `history` has the parameters of each segment if events set some. `contacts` is the history of contacts.
     """
 
     t: FloatArray

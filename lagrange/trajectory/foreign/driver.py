@@ -63,7 +63,7 @@ class Stepper(Protocol):
 
     @property
     def y(self) -> FloatArray:
-        """The state at that time, (2n,), in an array that the solver does not reuse."""
+        """The state (2n,) at the time `t` that the solver has reached, in an array that the solver does not change."""
 
     @property
     def rejected(self) -> int:
@@ -103,8 +103,9 @@ def drive_stepwise(
 ) -> Trajectory:
     """Return the trajectory of a problem, run by the solvers that `start` makes.
 
-    The error of a first step h grows like h**`first`; 0 means that the solver chooses the first step well. `listening`
-    collects warnings and messages of the package. The last of them explains a divergence.
+    `name` is the method's name, and `package` the package of the solver. The error of a first step h grows like
+    h**`first`; `first` = 0 means that the solver chooses the first step well. `listening` is a context that collects
+    warnings and messages of the package; the last message explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as said:
@@ -139,7 +140,7 @@ class SolverPlan:
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
-        """Return the path over the most recent steps."""
+        """Return the path over the most recent steps, with accepted times (S+1,) and states (S+1, 2n)."""
         return SampledPath(times, states, StepInterpolants(self.interpolants, len(self.interpolants) - len(times) + 1))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
@@ -150,7 +151,7 @@ class SolverPlan:
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the last state of the run. The law has the record of the fault."""
+        """Return the last accepted state (2n,) of the run. The right-hand side has the record of the fault."""
         return state.y
 
 
@@ -180,7 +181,7 @@ class SolverDriver:
         """Do nothing: the driver state has its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Take steps, and record those that pass the checks. Return the outcome."""
+        """Take up to `budget` trial steps, write accepted states to `times` and `rows`, and return the outcome."""
         law, plan = self._law, self._plan
         try:
             fault = self._advance(state, budget, times, rows)
@@ -217,7 +218,7 @@ class SolverDriver:
         return None
 
     def _begin(self, state: DriverState) -> Stepper | None:
-        """Return a solver that starts at the state, or None if the law has a fault there."""
+        """Return a solver that starts at the state, or None if the right-hand side has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
         # Otherwise flights between contacts that are shorter than the solver's first step would get its length.
         requested = abs(float(state.reals[S.H]))
@@ -233,9 +234,10 @@ class SolverDriver:
         return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Return True if steps become too small because an entry has no known size: a survey must raise the floors.
+        """Return True if steps became too small because an entry has no known size, so that floors must be raised.
 
-        An entry that has only been rounding has no size. If the last survey changed nothing, the cause is another.
+        An entry that has only been rounding so far has no size. If the last survey of sizes changed no floor, the steps
+        have another cause.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -249,9 +251,9 @@ class SolverDriver:
         return fault if np.array_equal(state.floors, self._asked) else None
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
-        """Set initial floors that follow the scale at the start of the run. Return a first step from their period.
+        """Set the floors by the sizes of entries at the start. Return the first step, infinity if the solver chooses.
 
-        The solvers' own choice of a first step depends on absolute times.
+        The step follows from the natural period. The solvers' own choice of a first step depends on absolute times.
         """
         plan, law = self._plan, self._law
         has_floors = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None
@@ -308,7 +310,10 @@ class SolverDriver:
         times: FloatArray,
         rows: FloatArray,
     ) -> None:
-        """Record a step. The last statement makes it count, so that an interruption never finds a part of one."""
+        """Record the step to y (2n,) at time t with its `path`. Only the last statement counts the step.
+
+        So an interruption never leaves a step that is recorded in part.
+        """
         row, floats = state.integers[S.ROWS], state.floats
         self._plan.interpolants.append(path)
         if isinstance(path, StepInterpolant):

@@ -9,7 +9,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """The reason why a run ends, the state (2n,) for the message, and its derivative if that is not finite."""
+    """The reason why a run ends, the state (2n,) for the message, and the state's derivative if it is not finite."""
 
     status: Status
     t: float

@@ -101,7 +101,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return a function of slopes that counts its evaluations. Its faults do not count as those of a step."""
+        """Return the function `slopes` with its evaluations counted. Values that are not finite are no faults."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1
@@ -138,11 +138,11 @@ class GuardedRhs:
             self._remember(Fault(Status.NON_FINITE, t, y.copy()))
 
     def _remember(self, fault: Fault) -> None:
-        """Record a fault, unless it follows from the last one: a state that is not finite has an earlier cause."""
+        """Record a fault, unless it follows from the last fault: a state that is not finite has an earlier cause."""
         if self.fault is None or np.isfinite(fault.y).all():
             self.fault = self.last_fault = fault
             self.fault_at = self.evaluations
 
     def recent_fault(self) -> Fault | None:
-        """Return a fault of the last few steps, which is the reason why a solver makes no progress, or None."""
+        """Return a fault of the last few steps, the probable reason why a solver makes no progress, or None."""
         return self.last_fault if self.evaluations - self.fault_at <= 100 else None

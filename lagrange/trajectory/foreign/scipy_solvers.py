@@ -35,7 +35,7 @@ DENSE_OUTPUT: Callable[[Any], Output] = methodcaller("dense_output")
 
 
 class _ScipyStepper:
-    """A SciPy solver between two steps: implements `Stepper`. Its time counts from `origin`."""
+    """A SciPy solver between two steps: implements `Stepper`. The solver's time counts from `origin`."""
 
     def __init__(
         self,
@@ -100,8 +100,9 @@ def _taken_again(
 ) -> StepInterpolant:
     """Return the path over an accepted step of a one-step method, by repeating the step.
 
-    The tolerance is infinite, so that the repeated step is accepted and the same. Few runs need states between their
-    steps, and the solvers' own paths would take a tenth to a third of a run.
+    `times` and `ends` are the times and the states (2n,) at both ends of the step. With an infinite tolerance the
+    repeated step is accepted and equals the first. Few runs need states between their steps, and the solvers' own paths
+    would take a tenth to a third of a run.
     """
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))
@@ -114,8 +115,8 @@ def _taken_again(
 class ScipyMethod(ABC):
     """One of SciPy's solvers, restarted at resets by events.
 
-    `max_step` bounds its steps and `first_step` sets the first; both are positive times. The implicit solvers use the
-    model's compiled Jacobian. In a process they run one at a time.
+    `max_step` bounds the steps and `first_step` is the first step; both are positive times. The implicit solvers use
+    the model's compiled Jacobian. In a process only one implicit solver runs at a time.
     """
 
     max_step: float = np.inf
@@ -140,7 +141,7 @@ class ScipyMethod(ABC):
         check_bounds(self.name, self.max_step, self.first_step)
 
     def output(self) -> Callable[[Any], Output]:
-        """Return the function that makes the path over a solver's last step. The path is a function of its times."""
+        """Return a function that makes the path over a solver's last step: a function from solver times to states."""
         return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:

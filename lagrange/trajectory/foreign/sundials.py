@@ -187,9 +187,9 @@ class _CvodeStepper:
 
 
 class _OtherThreads:
-    """Standard output that drops the output of the thread `silent`, and passes on that of all others.
+    """Standard output that drops the output of the thread `silent`, and passes on the output of all other threads.
 
-    One object serves the whole process: Python's print keeps no reference to the sys.stdout that it writes to.
+    One object serves the whole process: Python's print keeps no reference to the sys.stdout to which it writes.
     """
 
     stream: Any = None

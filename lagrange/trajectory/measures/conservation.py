@@ -45,8 +45,8 @@ DIRECTIONS = 8
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
     """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
-    Equal steps may jump over a collision or a singular configuration without an error. If a reset changed the state,
-    the test ends before it.
+    Equal steps (not `adaptive`) may jump over a collision or a singular configuration without an error. If a reset
+    changed the state, the energy just before the first reset is tested.
     """
     model = problem.model
     if not trajectory.status.complete or not model.equations.structure.may_keep_energy or not trajectory.y.size:
@@ -65,9 +65,9 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
-    """Return True if the energy of the state `end`, at the time `until`, is that of the start.
+    """Return True if the energy `after` of the state `end`, at the time `until`, equals the first energy `before`.
 
-    Cheap tests come first.
+    The tolerance depends on the kinetic energy, the error of the method, and rounding. Cheap tests come first.
     """
     change = abs(after - before)
     if change <= SMALL_CHANGE * _kinetic_energy_at(problem, end):
@@ -87,7 +87,7 @@ def energy(problem: Problem, y: FloatArray) -> float:
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
-    """Return the last state of the run, or before the first reset, and its time."""
+    """Return the last state of the run, or the state before the first reset, with its time."""
     if not problem.events:
         return trajectory.y[:, -1], float(trajectory.t[-1])
     direction = 1 if problem.t1 >= problem.t0 else -1
@@ -121,7 +121,7 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
 
 
 def _kinetic_energy_at(problem: Problem, y: FloatArray) -> float:
-    """Return |v.p| / 2 of one state if it has a quick call, else 0: energies near zero usually need no more."""
+    """Return |v.p| / 2 of one state (2n,), or 0 if the momenta have no quick call for a single state."""
     model = problem.model
     momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, y)
     return 0.0 if momenta is None else abs(float(momenta @ y[model.layout.v])) / 2
@@ -135,7 +135,7 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return the largest change of the initial energy under displacements that are only rounding or a first step."""
+    """Return the largest change of the initial energy `before` if the state changes by rounding or a first step."""
     layout, y0 = problem.model.layout, problem.y0
     sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])
     ways = np.cos(np.outer(np.arange(1, layout.size + 1), np.arange(1, DIRECTIONS + 1)))
@@ -151,7 +151,7 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 def _with_energy_loss(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
-    """Return the message of the run with the change of the energy and the remedy."""
+    """Return the message of the run, followed by the change of the energy from `before` to `after` and the remedy."""
     note = (
         f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
         f"follow the motion. {_remedy(trajectory, adaptive)}"

@@ -24,8 +24,8 @@ class ConstraintDrift:
     """The violations (m, N) of constraints along a run, each relative to the largest size of the constraint's terms.
 
     If no terms cancel, as in y = 0, the scale is the gradient times the sizes of the entries of the state. `positions`
-    are the violations of phi, zero for constraints stated in velocities. `velocities` are those of dphi/dt, or of the
-    constraint as stated in velocities.
+    are the violations of phi, and zero for constraints stated in velocities. `velocities` are the violations of
+    dphi/dt, or of the constraint that is stated in velocities.
     """
 
     positions: FloatArray
@@ -75,9 +75,9 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 
 
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the gradients of constraints times the sizes of the entries, (2m,), the largest over sample states.
+    """Return the scales (2m,) of constraints without cancelling terms, such as y = 0, whose only term is y itself.
 
-    It is the scale of constraints without cancellation: the only term of y = 0 is y itself.
+    A scale is the gradient of the constraint times the sizes of the entries, the largest over sample states.
     """
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)

@@ -64,7 +64,7 @@ class ConstraintForces:
     def _from(self, begin: int, end: int) -> FloatArray:
         """Return the multipliers (m, k) at states `begin` to before `end`; NaN at states that do not determine them.
 
-        Bisection finds such states. Usually it is the last state, where a run ended.
+        Bisection finds the states without multipliers. Usually this is the last state, where a run ended.
         """
         try:
             return self._at_states(slice(begin, end))
@@ -129,10 +129,10 @@ class ConstraintForces:
         return slopes
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
-        """Return the smallest set of points such that the constraint relates only their motion.
+        """Return the names of the smallest set of points whose motion alone the constraint `name` relates.
 
-        Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError if
-        there is no such set, or if there are several.
+        `rows` (n, N) is the constraint's row of G. Then phi is a function of the positions r of the points, and the
+        force on each point is lambda dphi/dr. Raises StatementError if there is no such set, or if there are several.
         """
         places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
@@ -153,7 +153,7 @@ class ConstraintForces:
         )
 
     def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:
-        """Return True if a row of G is a unique linear combination of the derivatives of the chosen points."""
+        """Return True if, at the states `places`, a row of G is a unique linear combination of dr/dq of the points."""
         return all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
 
     def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:

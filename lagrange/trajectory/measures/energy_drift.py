@@ -22,10 +22,10 @@ _NEAR_ZERO = 1e-3
 class EnergyDrift:
     """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
 
-    `last` is E at the end, and `absolute` is max |E - E0|. `relative` divides it by `scale`. The scale is |E0|; if E0
-    is close to zero it is the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is True if
-    the equations conserve the energy, and None if that is not known; only if it is True does the drift measure
-    accuracy. `against` describes the scale.
+    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|; if E0
+    is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is
+    True if the equations conserve the energy, and None if that is not known. The drift measures accuracy only if
+    `conserved` is True. `against` describes the scale in words.
     """
 
     conserved: bool | None
@@ -56,7 +56,10 @@ class EnergyDrift:
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return times and states of the start and of the outputs, and True if the start is known; else it is omitted."""
+    """Return the times and states of the start and of the outputs, and True.
+
+    If the state at the start is not stored and cannot be computed, return those of the outputs only, and False.
+    """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
         return t, y, True

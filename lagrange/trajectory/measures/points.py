@@ -34,7 +34,7 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return by name of each point, and of the origin, True if it depends neither on coordinates nor on time.
+    """Return a dict from the name of each point, and of the origin, to True if it does not move.
 
     Points along surfaces count as fixed: they have no paths.
     """

@@ -70,8 +70,8 @@ class Stiffness:
     """Medians over the steps of a stiff run that were at the limit of stability.
 
     `share` is the fraction of the examined steps at the limit. `rate` is the size of the eigenvalue of the Jacobian
-    that limits the step, per unit of time. `product` is the rate times the step, and `limit` its bound in the direction
-    of the eigenvalue. `slower` is the ratio of the rate to the rate of change of the solution.
+    that limits the step, per unit of time. `product` is `rate` times the step, and `limit` is the largest stable
+    product in the direction of the eigenvalue. `slower` is the ratio of `rate` to the rate of change of the solution.
     """
 
     method: str
@@ -129,7 +129,8 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
 def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any], towards: float) -> Trajectory:
     """Return a run that ended early. If stiffness was the cause, its message says so.
 
-    Its steps may have become so short that the status reports a singularity, which the solution does not have.
+    `towards` is the end of the time span. The steps of a stiff run may have become so short that the status reports a
+    singularity, although the solution has none.
     """
     if trajectory.status not in LIMITS or (result := stiffness(model, trajectory, parameters)) is None:
         return trajectory
@@ -143,9 +144,9 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
 
 def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a quantity at the start of each step, with the step as first axis.
+    """Return the quantity `name` of the model at the start of each of `steps`, with the step as first axis.
 
-    It is interpreted: compiling takes longer.
+    The program is interpreted, because compiling takes longer.
     """
     states = path.states[steps].T
     kernel = model.interpreted(name)
@@ -154,9 +155,9 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return the relative change of the velocity over each step: the largest over its entries.
+    """Return the largest relative change of an entry of the velocity over each step.
 
-    The scale of an entry is at least `least` times the speed.
+    The scale of an entry is at least `least` times the speed. `masses` are the mass matrices at the steps.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))

@@ -13,8 +13,8 @@ _ENTERED: dict[str, dict[str, Callable[..., Any]]] = {}
 def built_in(name: str) -> Callable[[Maker], Maker]:
     """Return a decorator that makes a function or class a method: `method="name"` calls it without arguments.
 
-    It is public as `lagrange.methods.X` under its own name; the first line of its docstring is its row in the table of
-    methods, and the tests hold it to its claims.
+    The function or class is public as `lagrange.methods.X` under its own name X. The first line of its docstring is its
+    row in the table of methods. The tests check its claims.
     """
 
     def enter(maker: Maker) -> Maker:

@@ -1,8 +1,9 @@
 """Symplectic methods for systems with holonomic constraints, whose multipliers are among the unknowns.
 
 Coordinates and velocities satisfy the constraints at both ends of a step: the positions are moved to phi = 0, then the
-velocities to dphi/dt = 0, each up to rounding. Without constraints each method is the one that it generalizes. The law
-is p, f, c, phi, psi = g(t, q, v, lambda) with c = G^T lambda, for any mass matrix, with forces and explicit time.
+velocities to dphi/dt = 0, each up to rounding. Without constraints each method equals the method that it generalizes.
+The law is p, f, c, phi, psi = g(t, q, v, lambda): momenta, forces, constraint forces c = G^T lambda, and constraints
+phi and psi = dphi/dt. The mass matrix may be any, and forces may depend on time.
 Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VII.1.4; L. O. Jay, SIAM J.
 Numer. Anal. 33, 1996; S. Leyendecker, J. E. Marsden, M. Ortiz, ZAMM 88, 2008.
 """

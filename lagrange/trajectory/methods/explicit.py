@@ -39,9 +39,10 @@ FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-
 class RungeKutta:
     """The explicit Runge-Kutta method of a tableau.
 
-    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are tolerances for one
-    with it. An option that is None is that of the run, or has a default. `law` is the function that the step evaluates:
-    "rhs", or "local" for a step in local coordinates of rotations, which keeps quaternions at length one.
+    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances for
+    a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is the
+    function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
+    quaternions at length one.
     """
 
     tableau: ButcherTableau

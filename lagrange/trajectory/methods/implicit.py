@@ -35,11 +35,11 @@ class ImplicitMethod:
     """The method of an implicit step function, step(f, t, y, h, solve).
 
     `law` is the function that the step evaluates: "rhs"; or "momentum" or "constrained" for step(g, t, q, v, h, solve).
-    With a `control` the step also returns an error vector for each state vector, and the method takes `rtol` and
-    `atol`. Otherwise it takes equal steps of size `step`. With a `starter`, which takes the first step, the step
-    function also gets the state one step before, after the state. `path` makes the dense output, whose order is
-    claimed; the default is a Hermite path. The steps of a `holonomic` method end on the constraints: they are not
-    projected, and constraints stated in velocities are refused.
+    With a `control` the step function also returns an error vector for each state vector, and the method takes `rtol`
+    and `atol`. Otherwise the method takes equal steps of size `step`. With a `starter`, which takes the first step, the
+    step function has a further argument after the state: the state one step before. `path` makes the dense output,
+    whose order is claimed; the default is a Hermite path. The steps of a `holonomic` method end on the constraints:
+    their states are not projected, and constraints stated in velocities are refused.
     """
 
     name: str

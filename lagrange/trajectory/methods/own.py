@@ -85,10 +85,10 @@ class StepMethod:
 def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:
     """Return a method with equal steps from a step function, compiled for every system on which it runs.
 
-    `function` is `step(f, t, y, h)` and returns the state at t + h, with f(t, y) the slope of the state y = [q, v]. Or
-    it is `step(a, t, q, v, h)` and returns (q, v), with accelerations a(t, q) that do not depend on velocities. It may
-    only add and subtract vectors, and multiply them by numbers made of t and h. It is called to record these
-    operations, and must do the same at every call.
+    `function` is `step(f, t, y, h)`, which returns the state at t + h; f(t, y) is the slope of the state y = [q, v]. Or
+    it is `step(a, t, q, v, h)`, which returns (q, v); the accelerations a(t, q) do not depend on velocities. The
+    function may only add and subtract vectors, and multiply them by numbers made of t and h. The function is called to
+    record these operations, and must do the same at every call.
 
     A step of the first form is checked for its order, like a tableau; or for consistency if its coefficients are not
     proportional to h. A step of the second form is checked under a constant force. Raises StatementError.
@@ -176,7 +176,7 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
 
 
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
-    """Return the two trials of a step function. Raises StatementError if it is inconsistent, or not of the order."""
+    """Return two trial calls of a step function. Raises StatementError if it is inconsistent, or not of the order."""
     states = 2 if _arguments(name, function) == 5 else 1
     both = tried, doubled = (
         _tried(name, function, states, *TRIAL_POINTS[0]),
@@ -227,7 +227,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
 
 
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
-    """Check the consistency of a step whose coefficients are not proportional to h. Raises StatementError."""
+    """Raise StatementError if a step whose coefficients are not proportional to h is inconsistent at time t."""
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
     if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:

@@ -70,7 +70,10 @@ class RadauStep:
 
 
 def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Return values at points of the next step, `ratio` times as long, of the polynomial through values of a step."""
+    """Return values on the next step of the polynomial through the values `old` at `points` of the last step.
+
+    Points are fractions of a step. `wanted` are points of the next step, which is `ratio` times as long.
+    """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
     def at(polynomial: Any, ci: float) -> Any:

@@ -172,7 +172,7 @@ def names() -> list[str]:
 
 
 def find(method: Any) -> Integrator:
-    """Return the integrator of a registered name, or the given instance. Raises StatementError for anything else."""
+    """Return the integrator of a registered name, or `method` if it is one. Raises StatementError for anything else."""
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)
     if not isinstance(method, str):

@@ -179,9 +179,9 @@ def composition(
 ) -> Splitting:
     """Return the composition of successive Stormer-Verlet steps of the sizes `coefficients` times h.
 
-    Each begins and ends with half a drift, or half a kick with `first="kick"`. Adjacent halves are joined. Coefficients
-    that are equal in reverse order give a symmetric method, of even order. Raises StatementError if they do not add up
-    to 1, or if the order is not the claimed one.
+    Each of these steps begins and ends with half a drift, or half a kick with `first="kick"`. Adjacent halves are
+    joined. Coefficients that are the same in reverse order give a symmetric method, of even order. Raises
+    StatementError if the coefficients do not add up to 1, or if the order differs from the claimed `order`.
     """
     if not isinstance(first, str) or first not in ("drift", "kick"):
         raise StatementError(f"first = {shown(first)}: a composition starts with a 'drift' or a 'kick'.")
@@ -271,5 +271,5 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return symmetric coefficients with sum 1, from the outer ones of one side."""
+    """Return symmetric coefficients with sum 1: `outer` on both sides, and a middle one."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])

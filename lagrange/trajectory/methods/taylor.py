@@ -38,8 +38,8 @@ TOP_ORDER = 64
 class Taylor:
     """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (listed as 20).
 
-    `rtol` and `atol` are tolerances, `order` is a fixed order from 4 to 64. An option that is None is that of the run,
-    or chosen by the method.
+    `rtol` and `atol` are tolerances, `order` is a fixed order from 4 to 64. If an option is None, the option of the run
+    counts, or the method chooses.
     """
 
     rtol: float | None = None
@@ -125,7 +125,10 @@ class TaylorPlan:
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state with not-finite coefficients in place of entries whose series has them."""
+        """Return the state (2n,) after the failed step.
+
+        If its series has coefficients that are not finite, the first of them replace the entries of the present state.
+        """
         parameters = problem.parameter_array
         sides = stated_sides(self.series.program, state.t, state.y, parameters)
         values = np.concatenate([parameters, sides])
@@ -146,9 +149,9 @@ def _margin(rtol: float) -> float:
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots to be watched, of the equations and of the events, each with its radicand.
+    """Return the square roots in the equations and in `events` whose zeros are watched, each with its radicand.
 
-    An event that is itself a root is watched as the event.
+    A square root that is itself an event is left out, because its zeros are watched as those of the event.
     """
     if not events:
         return model.square_roots

@@ -61,9 +61,9 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: those of the run, else of the method, else the defaults.
 
-    The default absolute tolerance follows the scale of each entry, by `FLOOR_SHARE`. If both give a value, it must be
-    the same. `least` is the smallest relative tolerance that the method can use. `margin` maps rtol to the fraction of
-    the tolerances at which the method's steps aim.
+    The default absolute tolerance follows the scale of each entry, by `FLOOR_SHARE`. If the run and the method both
+    state a value, the values must be equal. `least` is the smallest relative tolerance that the method can use.
+    `margin` maps rtol to the fraction of the tolerances at which the method's steps aim.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
@@ -151,9 +151,9 @@ def check_unconstrained(name: str, problem: Problem) -> None:
 
 
 def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
-    """Return a tolerance: that of the run, else that of the method, else None.
+    """Return a tolerance: `asked`, the value of the run, else `own`, the value of the method, else None.
 
-    Two different ones raise StatementError.
+    Raises StatementError if the run and the method state different values.
     """
     both = [_number(what, value) for value in (asked, own) if value is not None]
     if len(both) == 2 and both[0] != both[1]:

@@ -58,7 +58,7 @@ class TrialVector:
 
     @property
     def terms(self) -> dict[int, Coefficient]:
-        """The non-zero coefficients, by the number of the vector."""
+        """The coefficients that are not zero, by the index of the vector: state vectors first, then slopes."""
         return {i: c for i, c in self._terms.items() if c}
 
     def __add__(self, other: Any) -> TrialVector:

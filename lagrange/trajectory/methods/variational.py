@@ -1,10 +1,10 @@
 """Variational integrators: steps from a discrete principle of least action, in momenta p = dL/dv and forces.
 
 Each is symplectic in (q, p) for any mass matrix. Forces and dissipation enter by the principle of Lagrange and
-d'Alembert; time may be explicit. The unknowns are velocities; the last is the velocity at the end of the step, which
-has the momentum there. Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta Numerica
-10, 2001, sections 2.3, 2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006,
-VI.6.
+d'Alembert; time may be explicit. The unknowns are velocities. The last unknown is the velocity at the end of the step,
+which gives the momentum there. Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta
+Numerica 10, 2001, sections 2.3, 2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd
+ed., 2006, VI.6.
 """
 
 from __future__ import annotations
@@ -81,9 +81,10 @@ class Galerkin:
 def mean_value_gradient(points: int) -> Galerkin:
     """Return the step along the mean gradient of the energy on the straight line of the step in (q, p).
 
-    The energy changes by the product of mean gradient and step, which are perpendicular. So it is conserved as exactly
-    as Gauss's quadrature with `points` points is. Source: R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans.
-    R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, V.5.
+    The energy changes by the product of mean gradient and step, which are perpendicular. So the energy is conserved,
+    up to the error of the mean, which is computed by Gauss's quadrature with `points` points. Source: R. I. McLachlan,
+    G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric
+    Numerical Integration, V.5.
     """
     _, b, c = gauss_tableau(points)
     return Galerkin(tuple(tuple(ci * weight for weight in b) for ci in c), b, c)

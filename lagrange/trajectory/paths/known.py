@@ -27,7 +27,7 @@ class OutputPath:
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states (2n, K) at times in any order.
 
-        Raises RunError for other than output times without a path.
+        Raises RunError for a time between output times if there is no path.
         """
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
         return sorted_along(forward, times, self._sorted)

@@ -23,7 +23,7 @@ up to 12 through states at rounded times would oscillate.
 class StepInterpolant:
     """The polynomial over one step, from `begin` over `length`, with `values` (k, 2n) at Chebyshev's points.
 
-    It passes through both accepted states. An interpolant of multistep formulas does so only up to the tolerance.
+    The polynomial passes through both accepted states. The solver's own interpolant may miss them by the tolerance.
     """
 
     begin: float
@@ -41,7 +41,8 @@ class StepInterpolant:
     ) -> StepInterpolant:
         """Return the polynomial of a degree over a step between two `times`, with the states at both `ends`.
 
-        `interpolant` maps the solver's times (k,) to states (2n, k). `own` are its times at the two ends.
+        `interpolant` maps times of the solver (k,) to states (2n, k). `own` are the solver's times at both ends, which
+        may count from another origin.
         """
         first, last = own
         x = nodes(degree)[:, None]
@@ -61,7 +62,7 @@ class StepInterpolant:
 
 
 class StepInterpolants(Sequence[StepInterpolant]):
-    """The polynomials over a range of steps, from number `first` on. Each is sampled at its first access.
+    """The polynomials over steps, from the step with index `first` on. Each is sampled at its first access.
 
     Sampling takes as long as a step of a fast solver, and few runs need states between their steps.
     """

@@ -23,8 +23,8 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 class StepPath:
     """Accepted steps: times (S+1,), states (S+1, 2n), and the dense output of the method that took them.
 
-    On each step the path is a polynomial of a `kind`, of degree at most 16, on which events are located. `tableau` is
-    that of an explicit Runge-Kutta method, whose stages define the path, else None.
+    On each step the path is a polynomial of degree at most 16, on which events are located; `kind` is its formula.
+    `tableau` is the tableau of an explicit Runge-Kutta method, whose stages define the path, else None.
     """
 
     dense: DensePath
@@ -65,9 +65,9 @@ class StepPath:
 class MotionsPath:
     """Dense output of a run with resets: one path for each smooth piece, from times (K,) to states (2n, K).
 
-    `times` (S+1,) and `states` (S+1, 2n) are those of the run. `breaks` are the rows after which a new piece begins,
-    with the times and states at the end of the whole step before it, NaN if that step was not shortened. `path` is a
-    path through some states of the run; it determines the kind.
+    `times` (S+1,) and `states` (S+1, 2n) are the accepted states of the run. `breaks` has the indices of the states
+    after which a new piece begins. It also has, for each piece, the time and state at the end of the whole last step,
+    NaN if that step was not shortened. `path` is a path through some states of the run, whose formula all pieces use.
     """
 
     times: FloatArray
@@ -76,7 +76,7 @@ class MotionsPath:
     path: StepPath
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times (K,) in any order. At the time of a reset it is the state after it."""
+        """Return the states (2n, K) at times (K,) in any order; at the time of a reset, the state after the reset."""
         states = np.empty((self.states.shape[1], len(times)))
         rows = self.breaks[0][self.breaks[0] < len(self.times) - 1]
         forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
@@ -119,7 +119,7 @@ def step_path(
     states: FloatArray,
     tableau: ButcherTableau | None = None,
 ) -> StepPath:
-    """Return the dense output of a kind through accepted times (S+1,) and states (S+1, 2n)."""
+    """Return the dense output by the formula `kind` through accepted times (S+1,) and states (S+1, 2n)."""
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
     return StepPath(dense, times, states, kind, tableau)
@@ -132,7 +132,7 @@ def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, ta
 
 @lru_cache(maxsize=64)
 def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
-    """Return the kind of dense output of a Runge-Kutta method."""
+    """Return the formula of the dense output of a Runge-Kutta method."""
     if tableau.dense is None:
         raise AssertionError("a method is registered with its dense output")
     rows = np.zeros((len(tableau.rows), len(tableau.rows)))
@@ -144,7 +144,7 @@ def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
 
 
 def hermite_path(order: int) -> Callable[[Problem, FloatArray, FloatArray], StepPath]:
-    """Return the `path_of` function of a `StepPlan`: Hermite paths for a method of an order, one degree lower."""
+    """Return the function that makes Hermite paths of degree `order` - 1, at least 3, for a method of an order."""
 
     def path(problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         kind = hermite_polynomial(max(3, order - 1))

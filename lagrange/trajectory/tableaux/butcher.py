@@ -45,7 +45,10 @@ def rows(text: str) -> tuple[Coefficients, ...]:
 
 
 def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
-    """Return the state after a step of length h, and its error estimates: none, one, or a second for damping."""
+    """Return the state after a step of length h from (t, y), and the error estimates of the tableau: none, one or two.
+
+    `f` is the right-hand side f(t, y).
+    """
     slopes: list[Any] = []
     for row, c in zip(tableau.A, tableau.c, strict=True):
         stage = y + _weighted(row, slopes) * h if any(row) else y
@@ -68,11 +71,11 @@ def _is_row(given: object) -> bool:
 class ErrorEstimate:
     """An embedded error estimate h sum_j weights[j] k_j, of which step control takes the scaled RMS norm.
 
-    `order` is the order of the embedded solution: the norm shrinks as h**(order + 1). With `damping`, a second,
-    less accurate estimate, e5 and e3 being the sums of squares of the scaled estimates over the dim components,
-    the norm is e5 / sqrt((e5 + 0.01 e3) dim) (Hairer, Norsett, Wanner, Solving ODE I, II.10), which shrinks as
-    h**`control`. `memory` is the exponent of the previous norm in step control, for methods whose authors use one
-    (Hairer, Wanner, Solving ODE II, IV.2).
+    `order` is the order of the embedded solution: the norm shrinks as h**(order + 1). `damping` are the weights of a
+    second, less accurate estimate. Let e5 and e3 be the sums of squares of the two scaled estimates over the dim
+    components. Then the norm is e5 / sqrt((e5 + 0.01 e3) dim), which shrinks as h**`control` (Hairer, Norsett, Wanner,
+    Solving ODE I, II.10). `memory` is the exponent of the previous norm in step control, for methods whose authors use
+    one (Hairer, Wanner, Solving ODE II, IV.2).
     """
 
     weights: Coefficients
@@ -91,10 +94,10 @@ class ErrorEstimate:
 class DenseOutput:
     """A path inside the step: y(t + theta h) = y + h sum_j b_j(theta) k_j, b_j = sum_m weights[j][m] theta**(m+1).
 
-    `stages` are rows that follow the tableau's own, needed for this only, and `c` their abscissae, as in the tableau;
-    `weights` has a row for each of the tableau's stages and then for each of these. `order` is that of the path,
-    uniformly in theta. Evaluate the b_j first and then the sum of stages: for DOP853, whose weights reach 545, that
-    leaves a round-off of 5e-14 where Horner's rule on the summed stages leaves 2e-13 (a pendulum, h = 1).
+    `stages` are further rows of A that only the path needs, and `c` are their abscissae. `weights` has a row for each
+    stage of the tableau, then for each further stage. `order` is the order of the path, uniformly in theta. Evaluate
+    the b_j first and then the sum of stages. For DOP853, whose weights reach 545, the rounding error is then 5e-14;
+    Horner's rule on the summed stages has 2e-13 (a pendulum, h = 1).
     """
 
     weights: tuple[Coefficients, ...]
@@ -107,10 +110,10 @@ class DenseOutput:
 class ButcherTableau:
     """An explicit Runge-Kutta method of s stages k_i = f(t + c_i h, y + h sum_j A[i][j] k_j), y + h sum_i b_i k_i.
 
-    `A` is strictly lower triangular: row i has i entries. `c` is derived from the row sums, or checked against
-    them. Checked when built: shapes, finiteness, row sums, every order condition up to `order`, those of the
-    embedded solutions, and those of the dense output for all theta. Raises StatementError with the condition that
-    fails and by how much.
+    `A` is strictly lower triangular: row i has i entries. `c` has the row sums of A; if given, it is checked against
+    them. The constructor checks shapes, finiteness, row sums, every order condition up to `order`, and the order
+    conditions of the embedded solutions and of the dense output for all theta. Raises StatementError with the condition
+    that fails and its error.
     """
 
     name: str
@@ -165,8 +168,8 @@ class ButcherTableau:
     def hermite(self) -> ButcherTableau:
         """Return the method with the cubic Hermite path through both ends of the step as its dense output.
 
-        It needs f(t + h, y_new): the last stage of a method that has it, otherwise one extra stage, which is the
-        next step's first.
+        The path needs f(t + h, y_new). This is the last stage of some methods. Others get one more stage, which is the
+        first stage of the next step.
         """
         extra = () if self.fsal else (self.b,)
         weights = []
@@ -242,7 +245,7 @@ class ButcherTableau:
                 self._check_tree("sum b_i", tree, self.b, Fraction(1, density(tree)))
 
     def _check_error(self) -> None:
-        """Hold the embedded solutions, b - e, to their orders: sum e_i Phi_i(tree) = 0."""
+        """Check the orders of the embedded solutions, with weights b - e: sum e_i Phi_i(tree) = 0."""
         if not self.error:
             return
         for e, order in ((self.error.weights, self.error.order), (self.error.damping, self.error.damping_order)):
@@ -251,7 +254,7 @@ class ButcherTableau:
                     self._check_tree("sum e_i", tree, e, Fraction(0))
 
     def _check_dense(self) -> None:
-        """Hold the path to its end, b_j(1) = b_j, and to sum_j b_j(theta) Phi_j(tree) = theta**size / gamma."""
+        """Check that the path ends at b_j(1) = b_j, with order sum_j b_j(theta) Phi_j(tree) = theta**size / gamma."""
         if not self.dense:
             return
         ends = self.b + (Fraction(0),) * len(self.dense.stages)

@@ -1,4 +1,4 @@
-"""Hairer's DOP853: order 8, a combined estimate of orders 5 and 3, and a path of order 7 for three more stages."""
+"""Hairer's DOP853: order 8, a combined error estimate of orders 5 and 3, and a path of order 7 by 3 more stages."""
 
 from __future__ import annotations
 
@@ -101,9 +101,9 @@ _SHAPES = ((1, 0), (1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 3))
 
 
 def _path_weights() -> tuple[Coefficients, ...]:
-    """Return the powers of theta of the path that Hairer states by sums F_i of the stages and the shapes above.
+    """Return the weights of the path by powers of theta, from the sums F_i of stages by which Hairer states the path.
 
-    y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new - y, F_1 = h f - dy,
+    It is y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new - y, F_1 = h f - dy,
     F_2 = 2 dy - h (f + f_new), and the rest from the interpolant's table (contd8 in dop853.f).
     """
     extra = (Fraction(0),) * (len(_EXTRA) + 1)

@@ -1,4 +1,4 @@
-"""Dormand and Prince's method of order 5 with an embedded one of order 4, and a path of order 4 for free."""
+"""Dormand and Prince's method of order 5 with an embedded one of order 4, and a path of order 4 without more stages."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
 
 
 def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
-    """Return A, b, c of collocation at points of [0, 1]: their Lagrange polynomials integrated to each and to 1."""
+    """Return A, b, c of collocation at `points` c of [0, 1]: Lagrange polynomials integrated from 0 to c_i and to 1."""
     basis = lagrange_basis(points)
 
     def integral(line: Sequence[Any], end: Any) -> Any:

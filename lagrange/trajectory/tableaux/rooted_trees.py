@@ -1,4 +1,4 @@
-"""Rooted trees: one order condition of a Runge-Kutta method each (Hairer, Norsett, Wanner, Solving ODE I, II.2)."""
+"""Rooted trees, one for each order condition of a Runge-Kutta method (Hairer, Norsett, Wanner, Solving ODE I, II.2)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Coefficients = tuple[Coefficient, ...]
 
 @cache
 def trees(order: int) -> tuple[Tree, ...]:
-    """Return the rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48, 115, 286 for 1 to 9."""
+    """Return the rooted trees with `order` nodes. There are 1, 1, 2, 4, 9, 20, 48, 115, 286 trees of 1 to 9 nodes."""
     if order == 1:
         return ((),)
     return tuple(dict.fromkeys(grown for tree in trees(order - 1) for grown in _grafted(tree)))
@@ -45,10 +45,11 @@ def density(tree: Tree) -> int:
 
 
 def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree, Coefficients]:
-    """Return Phi_j(tree), (stages,), for every tree up to that order: sum_j b_j Phi_j = 1/gamma is its condition.
+    """Return Phi_j(tree), (stages,), for every tree with at most `order` nodes.
 
-    `matrix` is the lower triangle of a tableau, row i with at least i entries. If an entry is a float, all become
-    floats: the weights of order 9 then take milliseconds.
+    The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` is the lower triangle A of a tableau; row i has
+    at least i entries. If an entry is a float, all entries become floats, with which the weights of order 9 take
+    milliseconds only.
     """
     unit: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):
@@ -64,7 +65,7 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
 
 
 def dot(left: Coefficients, right: Coefficients) -> Coefficient:
-    """Return the sum of products over the shorter of two rows; exact when both are."""
+    """Return the sum of products of two rows, up to the end of the shorter row; exact for exact entries."""
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 
 

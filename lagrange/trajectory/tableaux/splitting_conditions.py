@@ -1,8 +1,8 @@
-"""The order of a splitting, by words: one condition per word of kicks and drifts.
+"""Order conditions of a splitting: one condition for each word, a sequence of the letters K (kick) and D (drift).
 
-A product of exponentials of h times the Lie derivatives K (kick) and D (drift) agrees with exp(h (K + D)) up to h^p
-when the coefficient of every word of n <= p letters is 1/n!; both are power series in two letters that do not
-commute. Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, III.3 and III.5.
+A step is a product of exponentials of h times the Lie derivatives K and D. It is a power series in two letters that do
+not commute, and so is the exact flow exp(h (K + D)). They agree up to h^p if the coefficient of every word of n <= p
+letters is 1/n!. Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, III.3, III.5.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HIGHEST_CHECKED = 10
 
 @lru_cache(maxsize=64)
 def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
-    """Check the order of a composition of ("kick" or "drift", part of a step). Raises StatementError if it fails."""
+    """Raise StatementError if a composition of `flows`, ("kick" or "drift", step fraction), is not of the `order`."""
     if not 1 <= order <= HIGHEST_CHECKED:
         raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
     actual = coefficients(order, tuple((what[0], part) for what, part in flows))
@@ -38,7 +38,10 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
 
 
 def coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
-    """Return the coefficient of every word up to that length in the product of exponentials of c times a letter."""
+    """Return the coefficients of all words of at most `order` letters in a product of exponentials.
+
+    `flows` has the factors exp(c * letter) as pairs (letter, c), with the letters "k" and "d".
+    """
     words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
     result = dict.fromkeys(words, 0.0) | {"": 1.0}
     for letter, c in flows:

@@ -1,4 +1,4 @@
-"""Tsitouras's method of order 5 with an embedded one of order 4, and a path of order 4 for free."""
+"""Tsitouras's method of order 5 with an embedded one of order 4, and a path of order 4 without more stages."""
 
 from __future__ import annotations
 
