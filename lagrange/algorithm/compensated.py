@@ -12,7 +12,7 @@ from lagrange.procedure.front.plain import inline
 
 @inline
 def compensated(y: Any, move: Any) -> tuple[Any, Any]:
-    """Return the rounded sum of two reals and its exact rounding error: (total, lost) with y + move = total + lost."""
+    """Return the rounded sum of two reals, and its exact rounding error: (total, lost) with y + move = total + lost."""
     total = y + move
     back = total - y
     return total, (y - (total - back)) + (move - back)

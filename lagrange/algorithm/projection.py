@@ -56,8 +56,8 @@ def project(
 ) -> tuple[Outcome, bool]:
     """Move a state onto its constraints. Return an outcome, and True if the state has moved.
 
-    `numbers` are the prepared parameters of the corrections. A correction is added to the state and its compensation
-    `lost`, so that its rounding error is compensated as well.
+    `numbers` are the prepared parameters of the corrections. `lost` is the rounding error of the state. Corrections
+    are added to the state with compensation, so that their rounding errors are part of `lost`.
     """
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
@@ -82,10 +82,10 @@ def project(
 def starts_on_constraints(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, *, dimension: int, relations: bool
 ) -> bool:
-    """Move a state onto its constraints; return True if it violates them by at most `MOST_AT_START`.
+    """Return True if a state violates its constraints by at most `MOST_AT_START`, or if a matrix is singular.
 
-    With `relations`, the velocities of coordinates of first order are computed from these, and replace those of the
-    state.
+    With `relations` some velocities follow from the constraints: the state is moved onto the constraints, and only the
+    violation of the other constraints is limited.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A matrix that is singular here is singular in the first step, which reports it.

@@ -47,10 +47,10 @@ class Room(NamedTuple):
 class StepPolynomial:
     """A kind of dense output: the procedure that writes the polynomials of a block of steps, and its data.
 
-    The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind. Its data
-    are the `table` of the method's coefficients and its number of `stages`. The `degree` is at most 16. With
-    `derivative` it also gets the derivative of the law, and the neighbours of the steps. `vectors` is the number of
-    additional work vectors, `matrices` that of work matrices of 2n vectors each.
+    The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind. `table` has
+    the coefficients of the method, and `stages` is its number of stages. The `degree` of the polynomials is at most 16.
+    With `derivative` the procedure also gets the derivative of the law, and the neighbours of the steps. `vectors` is
+    the number of additional work vectors. `matrices` is the number of work matrices, of 2n vectors each.
     """
 
     write: Plain[..., None]
@@ -68,7 +68,7 @@ class StepPolynomial:
         return self.write.form()
 
     def size(self, dimension: int, columns: int) -> int:
-        """Return the number of doubles of work memory of the procedure, for states (2n,)."""
+        """Return the number of doubles of work memory, for blocks of `columns` steps with states of a `dimension`."""
         vectors = SPARE.vectors + self.room.vectors + self.vectors + self.matrices * dimension
         return (vectors * dimension + SPARE.rows + self.room.rows) * columns + WIDEST_VECTOR
 
@@ -78,13 +78,13 @@ SPARE = Room(vectors=2, rows=1)
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return the number of doubles of the steps of a block, in the layout that `gather` writes."""
+    """Return the number of doubles that `columns` steps with states of a `dimension` take, as `gather` writes them."""
     return (2 * dimension + 3) * columns
 
 
 @dataclass(frozen=True)
 class OwnStep:
-    """Steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
+    """Steps of a block: start times t, lengths h, states y at the starts, and states `new` at the ends.
 
     `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none.
     """
@@ -100,7 +100,7 @@ class OwnStep:
 
 @inline
 def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
-    """Return the steps of a block, which begin at `memory`."""
+    """Return the steps of a block whose data begin at `memory`: `columns` steps with states of a `dimension`."""
     parts = memory, memory[columns:], memory[2 * columns :], memory[3 * columns :], memory[(dimension + 3) * columns :]
     return OwnStep(memory, dimension, *parts)
 
@@ -111,7 +111,7 @@ def slopes(
 ) -> None:
     """Write the right-hand side of each column, NaN where the mass matrix is singular.
 
-    If one matrix is singular, each column is evaluated separately.
+    If one matrix is singular, each column is evaluated separately, in the work memory `spare`.
     """
     half = quotient(dimension, 2) * columns
     if unlikely(law(columns, t, y, y[half:], parameters, out) >= 0):
@@ -158,14 +158,14 @@ class PolynomialBlock:
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return the arguments for a block of steps without neighbours, with other work memory and results."""
+        """Return these arguments for the block of steps `step`, without neighbours, with other memory and results."""
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return PolynomialBlock(*laws, *numbers, step, step, work, out)
 
     @inline
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
-        """Return the vectors and the rows of work memory, and the unused memory after them."""
+        """Divide the work memory by `room`: return its vectors, its rows, and the unused memory after them."""
         total = self.dimension * self.columns
         first = self.work[total * SPARE.vectors + self.columns * SPARE.rows :]
         vectors = tuple(first[total * k :] for k in unrolled(room.vectors))
@@ -175,17 +175,17 @@ class PolynomialBlock:
 
     @inline
     def entries(self) -> Iterator[int]:
-        """Loop over all numbers of a vector of the block."""
+        """Loop over the indices of a vector of the block: those of all its entries in all columns."""
         yield from each(self.dimension * self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
     def each_column(self) -> Iterator[int]:
-        """Loop over the columns."""
+        """Loop over the indices of the columns."""
         yield from each(self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
     def spread(self, row: In, target: Out) -> None:
-        """Write the number of each column to all entries of a vector in that column."""
+        """Copy entry b of `row` to all entries of column b of the vector `target`, for each column b."""
         for j in range(self.dimension):
             line = target[j * self.columns :]
             for b in self.each_column():
@@ -209,7 +209,10 @@ def block_type() -> Bundle:
 
 @inline
 def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: int, count: int) -> float:
-    """Return `start` plus entry x of the weighted sum of consecutive vectors, from number `first` to below `count`."""
+    """Return `start` plus the sum of weights[j] times entry x of vector j, for j from `first` to below `count`.
+
+    The vectors are adjacent in memory and have `total` doubles each.
+    """
     for j in range(first, count):
         start = fma(vectors[j * total :][x], weights[j], start)
     return start

@@ -130,7 +130,7 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
-    """Return an entry of the matrices in all columns. Rows from their order on contain the inverses."""
+    """Return entry (row, column) of the Newton matrices of all steps. Their inverses follow them in each row."""
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
 
@@ -216,7 +216,7 @@ def collocation(block: PolynomialBlock) -> None:
 
 @inline
 def write(block: PolynomialBlock, gains: In) -> None:
-    """Write the coefficients of the polynomials through the stages."""
+    """Write the coefficients of the polynomials, from the changes `gains` of the state at the stages."""
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     _, _, _, powers = parts_of(block.table, stages)
     for power in range(block.degree + 1):
@@ -228,7 +228,7 @@ def write(block: PolynomialBlock, gains: In) -> None:
 
 @inline
 def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
-    """Return the parts of a table after c and A: inverse of A, derivatives, node polynomial, and contributions."""
+    """Return the parts of a `collocation_polynomial` table after A: inverse, derivatives, node polynomial, powers."""
     square = stages * stages
     inverse = table[stages + square :]
     rates = inverse[square:]
@@ -238,7 +238,10 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 @inline
 def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
-    """Make slopes continuous between steps: add a multiple of the integral of the node polynomial."""
+    """Make slopes continuous between steps: add a multiple of the integral of the node polynomial.
+
+    `gains` and `beside_gains` are the changes of the state at the stages, of the steps and of their neighbours.
+    """
     own = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
     total, stages = block.total, block.stages

@@ -41,7 +41,7 @@ def horner(
 def gather(
     dimension: int, columns: int, starts: WholesIn, steps: int, times: In, states: In, both: int, own: Out, beside: Out
 ) -> None:
-    """Write steps of a run by columns. If `both` is 1, also write a neighbour of each step.
+    """Write the steps with numbers `starts` to `own` by columns. If `both` is 1, write a neighbour of each to `beside`.
 
     The neighbour is the previous step; for the first step it is the next one.
     """
@@ -70,7 +70,11 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 @dataclass(frozen=True)
 class RunPath:
-    """A run with its dense output: the callback with its `given` data, the times and states, and memory for a block."""
+    """A run with its dense output.
+
+    `polynomial` is a callback of type `POLYNOMIAL`, and `given` its first argument. With `both` equal to 1 it needs the
+    neighbours of steps. `times` and `states` are those of the run; `own`, `beside` and `work` are memory for a block.
+    """
 
     polynomial: Callable[..., None]
     given: In
@@ -87,7 +91,7 @@ class RunPath:
 
     @inline
     def write(self, starts: WholesIn, out: Out) -> None:
-        """Write the polynomials of a block of steps, whose numbers are `starts`."""
+        """Write the coefficients of the polynomials of a block of steps to `out`; `starts` are the step numbers."""
         steps = self.steps, self.times, self.states
         gather(self.dimension, self.columns, starts, *steps, self.both, self.own, self.beside)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.work, out)
@@ -100,7 +104,7 @@ def path_type() -> Bundle:
 
 @procedure(path=path_type)
 def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
-    """Write the polynomials of the steps with numbers `starts`, block by block."""
+    """Write the polynomials of the steps with numbers `starts`, block by block, for a number of `blocks`."""
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
 

@@ -78,7 +78,7 @@ ACCEPTED, ROWS, SLOPE_KNOWN, AFTER_REJECT, KEPT = (
 
 @record
 class EventRun:
-    """State of a run with events: the steps to be reviewed, and the last change of the motion."""
+    """Record of a run with events: which steps wait for review, and when the motion changed last."""
 
     count: int
     """Number of steps to be reviewed. Step i leads from row i to the next row."""
@@ -236,7 +236,7 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Write the reviewed steps as rows. Return `GO_ON`, or their outcome if it ends the loop."""
+        """Write the reviewed steps as rows of the run. Return `GO_ON`, or the driver's outcome if it ends the loop."""
         run, n, times = self.event_run, self.dimension, self.times
         self.write_rows(run.count)
         run.since, run.ahead = run.since + run.count, min(run.ahead * 2, run.longest)
@@ -313,14 +313,14 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return the samples of `steps` steps to be reviewed, from row `first` on."""
+        """Return `samples` with the waiting steps from row `first` on as its run; `steps` is their number."""
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
         return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
 
     @inline
     def setting(self, block: int, event: int) -> WholesOut:
-        """Return the part of the settings that begins at an event's entry of a block."""
+        """Return the settings from the entry of an event on; `block` is the number of the setting."""
         return self.settings[event + self.samples.events * block :]
 
 
@@ -438,10 +438,11 @@ def reset(loop: EventLoop) -> bool:
 
 @inline
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
-    """Return True if the motion passes zero as its path does, and the mass matrix is regular after the reset.
+    """Return True if the event function passes zero along the state's slope, and the mass matrix is regular.
 
     On a long step the interpolant may reach zero although the velocity there points away again. Then a reset would
-    reverse the motion wrongly.
+    reverse the motion wrongly. `before` is the event function at the state. The mass matrix is tested at that state and
+    at the state `after` the reset.
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y
@@ -503,7 +504,9 @@ def begin_side(
 ) -> None:
     """Set the sign of an event function after a reset: kept if the reset does not change the function, else 0, unknown.
 
-    `values` are the event function before and after. `lagrange.trajectory.events.motion_start` states the rule.
+    `values` are the event function before and after the reset, and `noise` is its rounding error. `is_due` is true for
+    the event that caused the reset, `has_reset` for an event with a reset. The rule is that of
+    `lagrange.trajectory.events.motion_start.sides_behind`.
     """
     (before, after), side, was_near = values, sign[0], near[0]
     stays = not is_due and abs(after - before) <= noise

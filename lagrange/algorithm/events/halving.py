@@ -19,8 +19,8 @@ def sign_of(x: float, doubt: float) -> int:
 def bernstein(c: In, count: int, b: Out) -> None:
     """Write the Bernstein coefficients on [0, 1] of a polynomial with coefficients c of powers.
 
-    Those of s**k of degree n are the forward differences of rank k over the binomial coefficient of n and k. Pass i
-    adds to each number from i + 1 on the number before it.
+    The coefficients are first divided by binomial coefficients, then summed in count - 1 passes. Pass i, from 0 on,
+    adds to each number from index i + 1 on the number before it.
     """
     weight = 1.0
     for k in range(count):
@@ -39,7 +39,7 @@ def bernstein(c: In, count: int, b: Out) -> None:
 
 @inline
 def add_four_times(b: Out, count: int) -> None:
-    """Add to each number the number before it, in four passes. Pass i begins at index i + 1."""
+    """Make four passes over `count` numbers. Pass i, from 0 on, adds to each from index i + 1 on the one before it."""
     first1, first2, first3 = b[1] + b[0], b[2] + b[1], b[3] + b[2]
     second2, second3 = first2 + first1, first3 + first2
     w, x, y, z = b[3], first3, second3, second3 + second2
@@ -58,7 +58,7 @@ def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float
     """Return True if coefficients have at most one sign change, their last sign, and their largest size.
 
     `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide it
-    twice.
+    twice. A coefficient of size up to `doubt` has no sign.
     """
     now, before, changes = first, first, 0
     size = abs(b[0])

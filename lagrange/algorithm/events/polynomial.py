@@ -57,7 +57,10 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 
 @procedure(apart=True)
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
-    """Return the point between `begin` and `end` at which a polynomial reaches the sign; else the end nearest to it."""
+    """Return the point between `begin` and `end` at which a polynomial reaches `sign`; else the nearer end.
+
+    `slopes` are the coefficients of its derivative. `sign` is 1 or -1.
+    """
     side = float(sign)
     below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
     above, last_rate = tuple(side * x for x in evaluate((c, slopes), count, end))
@@ -93,7 +96,7 @@ def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
 
 @procedure(apart=True)
 def approach(c: In, slopes: In, count: int, begin: float, end: float, start: float, sign: int) -> float:
-    """Return the point between two points at which a polynomial reaches a sign, by Newton's method from `start`.
+    """Return the point between `begin` and `end` at which a polynomial reaches `sign`, by Newton's method from `start`.
 
     A step that leaves the bracket, or is longer than half of the previous step, is replaced by bisection.
     """

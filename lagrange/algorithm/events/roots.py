@@ -73,7 +73,7 @@ class Search:
 
     @inline
     def reach(self, place: float, sign: int) -> None:
-        """Process the sign of the function at a point."""
+        """Process the sign of the function at the point `place`; 0 means within the noise."""
         if unlikely(sign == 0):
             self.come_near(place)
         else:
@@ -81,7 +81,7 @@ class Search:
 
     @inline
     def come_near(self, place: float) -> None:
-        """Process a point within the noise. The point with the least value, times the sign, is stored."""
+        """Process a point within the noise. Of these points, store that with the least value of sign times function."""
         relay = self.relay
         if relay.counted == 0:
             depth = float(relay.sign) * value(self.c, self.count, place)
@@ -92,7 +92,7 @@ class Search:
 
     @inline
     def count_sign(self, place: float, sign: int) -> None:
-        """Process a sign beyond the noise. The opposite sign is a crossing; the same sign a touch, or nothing."""
+        """Process a sign beyond the noise: opposite to the last one it is a crossing, else a touch or no root."""
         relay = self.relay
         before = relay.sign
         if sign == -before:
@@ -106,13 +106,13 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return the point nearest to zero between the last sign beyond the noise and `high`."""
+        """Return the point with the value nearest to zero, between the last sign beyond the noise and `high`."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
 
     @inline
     def report(self, place: float, rising: int) -> None:
-        """Write a root if there is room, and count it."""
+        """Write a root if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
         slot = self.relay.found
         if likely(slot < self.room):
             self.times[slot] = self.h * place

@@ -29,7 +29,7 @@ def is_plain(total: float, noise: float) -> bool:
 
 @inline
 def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write the terms c[k] h**k, and return their sums."""
+    """Write the terms coefficients[k] * h**k to c, and return their noise and sums, as `Sums`."""
     first = coefficients[0]
     c[0] = first
     others, rates, end, power = 0.0, 0.0, first, h
@@ -46,7 +46,10 @@ def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) ->
 
 @procedure
 def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write c[k] h**k, padded with zeros, over a power of two if that prevents overflow. Return the noise and sums."""
+    """Write the terms coefficients[k] * h**k to c, padded with zeros. Return their noise and sums, as `Sums`.
+
+    If the terms may overflow or underflow, they and their noise are divided by a power of two.
+    """
     doubt, others, rates, end = write_terms(coefficients, count, h, noise, c)
     pad(c, count, count)
     if unlikely(not (is_plain_step(h, count) and is_plain(abs(c[0]) + others, noise))):
@@ -66,7 +69,7 @@ def split(x: float) -> tuple[float, int]:
 
 @procedure(apart=True)
 def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write coefficients in units of the step, over a power of two, like `scaled`, near overflow or underflow."""
+    """Write terms near overflow or underflow, divided by a power of two. Return their noise and sums, as `Sums`."""
     is_finite = abs(h) < math.inf and abs(noise) < math.inf
     for k in range(count):
         size = abs(coefficients[k])

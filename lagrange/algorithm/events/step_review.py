@@ -56,7 +56,8 @@ def queue_block(
 ) -> int:
     """Append the steps of a block that may contain zeros, and always the first step of all, to the queue.
 
-    Returns the new length of the queue.
+    `first` is the number of the first step of the block, and `places` is memory for the numbers of its steps. `filled`
+    is the length of the queue; the result is the new length.
     """
     end, is_bad = watch.review.end, False
     for b in range(WIDEST_VECTOR):

@@ -45,7 +45,7 @@ Reals = tuple[float, ...]
 
 
 class Widths(NamedTuple):
-    """Numbers of columns, one for each sample, for a block of steps.
+    """Numbers of columns in memory for the samples of a block of steps; each sample takes one column.
 
     `wide` is for the first samples: at few nodes, and at both ends perturbed by rounding. `full` is for all nodes of
     the block. `part` is for the nodes of a part of one step.
@@ -158,7 +158,7 @@ class Samples:
 
     @inline
     def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
-        """Copy the steps of a block, whose numbers are `places`, to its memory."""
+        """Copy the steps with numbers `places` to the memory of the block; with neighbours if `both` is 1."""
         run = self.steps, self.times, self.states
         gather(self.dimension, self.columns, places, *run, both, self.own, self.beside)
         for b in range(self.columns):
@@ -166,7 +166,7 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, places: WholesIn) -> bool:
-        """Write the dense output of a block, and which events may be zero on it.
+        """Write the dense output of the steps with numbers `places`, and which events may be zero on each.
 
         Return True if an event has no value.
         """
@@ -176,10 +176,10 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, places: WholesIn) -> bool:
-        """Write which events may be zero on a block, by the cubics through the ends of its steps and their defects.
+        """Write which events may be zero on each of the steps with numbers `places`, by cubics and their defects.
 
-        A cubic misses K s**2 (1 - s)**2 of the path. The defect is largest at `SLOPE_AT` and gives K. The result is
-        True if an event has no value, or a mass matrix is singular.
+        A cubic through the ends of a step misses K s**2 (1 - s)**2 of the path. The defect is largest at `SLOPE_AT`
+        and gives K. The result is True if an event has no value, or a mass matrix is singular.
         """
         self.gather(lines, places, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -211,9 +211,10 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Write which events may be zero on a block.
+        """Write which events may be zero on each step of the block, whose polynomials have a `degree`.
 
-        The error of a screen is noise. Return True if an event has no value.
+        If `screening`, the polynomials are cubics, and their error is part of the noise. Return True if an event has
+        no value.
         """
         columns = self.columns
         is_bad = self.sample_coarsely(lines, degree)
@@ -245,7 +246,11 @@ class Samples:
 
     @inline
     def sample_coarsely(self, lines: Lines, degree: int) -> bool:
-        """Evaluate events at few nodes, at both ends perturbed by rounding, and perturbed by a part of the range."""
+        """Evaluate events on polynomials of a `degree`. Return True if an event has no value.
+
+        The points are a few nodes, and both ends perturbed by rounding. A further one is the start of the step,
+        perturbed by a small part of the range of the state.
+        """
         columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
         wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
         for b in self.each_column():
@@ -267,14 +272,14 @@ class Samples:
 
     @inline
     def evaluate(self, columns: int, t: In, y: In, out: Out) -> bool:
-        """Evaluate the events on columns. Return True if an event has no value."""
+        """Evaluate the events at times t and states y, one for each column. Return True if an event has no value."""
         half = quotient(self.dimension, 2) * columns
         is_bad: bool = self.kernel(columns, t, y, y[half:], self.parameters, out) >= 0
         return is_bad
 
     @inline
     def sample_fully(self, lines: Lines) -> bool:
-        """Write the Chebyshev coefficients of the events on a block at the full degree."""
+        """Write the Chebyshev coefficients of the events on each step. Return True if an event has no value."""
         columns, thetas, step = self.columns, nodes().tolist(), self.block()
         full, total = Widths.of(columns).full, self.dimension * columns
         for b in self.each_column():
@@ -299,7 +304,10 @@ class Samples:
 
     @inline
     def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
-        """Evaluate the events at the nodes of a part of a step. Unused columns repeat its end."""
+        """Evaluate the events at the nodes of a part of the step in column b. Return True if an event has no value.
+
+        The part is given by its `start` and `width`, as fractions of the step. Unused columns repeat its end.
+        """
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
         h, places = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
@@ -353,16 +361,17 @@ def extent(values: Reals) -> tuple[float, float]:
 
 @inline
 def edge_noise(value: float, moved: float) -> float:
-    """Return the error of an event due to the rounding of an accepted state."""
+    """Return the rounding error of an event at an accepted state, from its `value` and that at a perturbed state."""
     error = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
     return error if error < math.inf else 0.0
 
 
 @inline
 def path_noise(values: Reals, moved: float) -> float:
-    """Return the error of an event on a step due to the rounding of its dense output.
+    """Return the error of an event on a step due to the rounding of the step's dense output.
 
-    The error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x and v
+    `values` are samples of the event. `moved` is its value at the start after a small part of the state's change. The
+    error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x and v
     change.
     """
     low, high = extent(values)

@@ -61,7 +61,7 @@ Part = tuple[float, float, int, float, float]
 
 @record
 class Review:
-    """Record of a review: the steps to review, and the reason and place where it ended."""
+    """Record of a review: which steps it visits, and the step and the zero at which it ended."""
 
     begin: int
     """Number of the first step that the review visits."""
@@ -106,11 +106,13 @@ class ReviewedEvents:
     """The events of a run: the record of a review, the side of each event, and the arrays for zeros.
 
     `sign` and `near` are the sides of the events, as in `Relay`. `direction` is the direction of the zeros that count,
-    0 for all. `remaining` is the number of zeros until the motion changes, 0 or below for never. At the start of the
-    motion some events have `stayed` at zero within a size; they `came` there in a direction, stored plus 2, or as
-    `UNKNOWN` or `ANYHOW`.
+    0 for all. `remaining` is the number of zeros until the motion changes; 0 or less means never.
 
-    `noted` has four blocks: sides, counts after the step, 1 if an event starts at zero, and `levels`, the values there.
+    At the start of the motion, `stayed` is the size of an event that counts as zero there. `came` is the direction in
+    which it reached that zero, plus 2, or `UNKNOWN` or `ANYHOW`. `levels` are the values of events that start at zero.
+
+    Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four blocks:
+    signs, `near` and remaining counts after the step, and 1 for each event that starts at zero.
     """
 
     review: Review
@@ -193,8 +195,8 @@ class ZeroSearch:
     def visit(self, step: int, b: int, is_bad: bool) -> int:
         """Isolate the zeros on a step. Return `ENDED`, or the reason why the review ends before the step.
 
-        A step that ends the review leaves all records unchanged, unless the motion changes on it. `is_bad` is true if
-        an event has no value on the block.
+        `step` is its number in the run, and `b` its column in the block. `is_bad` is true if an event has no value on
+        the block. A step that ends the review leaves all records unchanged, unless the motion changes on it.
         """
         watch, review = self.watch, self.watch.review
         if unlikely(review.found + MOST_ZEROS >= review.room):
@@ -229,10 +231,12 @@ class ZeroSearch:
     def isolate(
         self, step: int, b: int, e: int, is_bad: bool, limit: float, is_cut: bool, count: int
     ) -> tuple[bool, int]:
-        """Isolate the zeros of one event on a step, which is halved until it is a polynomial on each part.
+        """Isolate the zeros of event number `e` on a step, halved until a polynomial resolves the event on each part.
 
-        `limit` is the end of the search; the motion changes there if `is_cut`. `count` is the number of zeros so far.
-        Returns True if the event is irregular, and the new number of zeros.
+        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an event has
+        no value on the block. `limit` is the fraction of the step at which the search ends; `is_cut` is true if the
+        motion changes there. `count` is the number of zeros so far. Returns True if the event is irregular, and the
+        new number of zeros.
         """
         lines, place = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[place]
@@ -263,9 +267,10 @@ class ZeroSearch:
 
     @inline
     def sample(self, b: int, e: int, start: float, width: float) -> tuple[bool, float]:
-        """Write the Chebyshev coefficients of an event, less its level, on a part of a step.
+        """Write the Chebyshev coefficients of event `e`, minus its level, on a part of the step in column `b`.
 
-        Returns True if the event has no value there, and its size.
+        The part has a `start` and a `width`, as fractions of the step. Returns True if an event has no value there,
+        and the largest magnitude of the samples.
         """
         lines, columns, has_no_value = self.lines, self.samples.columns, False
         size = lines.size[e * columns + b]
@@ -282,9 +287,11 @@ class ZeroSearch:
 
     @inline
     def keep_roots(self, e: int, begins: bool, part: Part, length: float, is_end: bool, count: int) -> tuple[bool, int]:
-        """Isolate the roots on a fraction `length` of a part of a step, and add them to the `count` zeros.
+        """Isolate the roots of event `e` on a fraction `length` of a part of a step; add them to the `count` zeros.
 
-        Returns True if they are irregular, as for a jump over zero, and the new number of zeros.
+        `begins` is true if the event starts at zero at the start of the part; `is_end` if the motion ends or changes
+        at the end of the search. Returns True if the roots are irregular, as at a jump over zero, and the new number
+        of zeros.
         """
         start, width, known, blur, size = part
         first, is_irregular, noise = int(begins), False, blur
@@ -306,10 +313,11 @@ class ZeroSearch:
 
     @inline
     def leave_zero(self, e: int, known: int, blur: float) -> tuple[bool, float]:
-        """Find the side to which an event leaves zero; return True if it is irregular, and the error of its slope.
+        """Find the side to which event `e` leaves zero; return True if it is irregular, and the error of its slope.
 
-        The slope decides the side. The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2. An
-        event is irregular if it returns to the side from which it came, or if its slope is zero within its error.
+        `known` is the number of its coefficients, and `blur` their error. The slope decides the side. Chebyshev's
+        polynomial of degree k has the slope 2 k**2 at the ends of [0, 1]. An event is irregular if it leaves zero in
+        the direction in which it reached zero, or if its slope is zero within its error.
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * blur, linear if known > 1 else 0.0
@@ -340,10 +348,10 @@ class ZeroSearch:
 
     @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
-        """End the review at zero number `change`, which changes the motion. Return the reason for the end.
+        """End the review at zero number `change` of the step in column `b`. Return the reason for the end.
 
-        The zeros before it are recorded. So are other events that are zero there within their noise, because the next
-        motion would not find them.
+        `kept` is the number of zeros before the search was cut at that zero, and `count` the number of all zeros. The
+        zeros before the change are recorded. The review is irregular if another zero is simultaneous with the change.
         """
         watch, review = self.watch, self.watch.review
         s, event, t = self.times[change], self.events[change], self.samples.block().t[b]
@@ -369,7 +377,7 @@ class ZeroSearch:
 
     @inline
     def stays_clear(self, b: int) -> bool:
-        """Return True if events that started at zero are larger than their initial value at the end of the step."""
+        """Return True if events that started at zero have clearly left it at the end of the step in column `b`."""
         is_clear, columns = True, self.samples.columns
         for e in range(self.samples.events):
             if unlikely(self.starting[e] != 0):
@@ -380,7 +388,7 @@ class ZeroSearch:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Write those of the `count` zeros that count and are before a fraction of the step."""
+        """Write the zeros, of the first `count`, whose direction counts and that are before a fraction of the step."""
         for j in range(count):
             time = self.times[j]
             if time < before and self.counts(j):
@@ -389,7 +397,7 @@ class ZeroSearch:
 
     @inline
     def write_zero(self, b: int, e: int, s: float) -> None:
-        """Write a zero after the others: the event, its time and the state there."""
+        """Append a zero to the written ones: event `e`, the time at the fraction `s` of the step, and the state."""
         samples, slot = self.samples, self.watch.review.found
         t, total = samples.block().t[b], samples.dimension * samples.columns
         self.watch.which[slot] = e

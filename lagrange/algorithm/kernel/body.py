@@ -53,7 +53,8 @@ SOURCE = Style()
 class Inputs:
     """Inputs of the instructions of a program: time, state, and parameters followed by prepared numbers.
 
-    `names` are the names of values in printed code, by instruction.
+    `slots` are the indices of prepared results in the array `parameters`, by instruction. `names` are the names of
+    values in printed code, by instruction.
     """
 
     parameters: Memory
@@ -67,7 +68,10 @@ class Inputs:
 
 @dataclass(frozen=True)
 class FactoredMatrix:
-    """A factorization: its entries by index if it is written out, else the array of its factors."""
+    """A factorization L D L^T: its entries by index pair if it is written out, else the `memory` of its factors.
+
+    `trusted` is true if all pivots of written-out factors are large enough.
+    """
 
     entries: Mapping[tuple[int, int], Real]
     trusted: Flag | None
@@ -75,7 +79,7 @@ class FactoredMatrix:
 
 
 class Body:
-    """Adds a part of the instructions of a program to a procedure."""
+    """Adds instructions of a program to a procedure as statements. A `ref` is the index of an instruction."""
 
     def __init__(self, p: Builder, program: Program, inputs: Inputs, style: Style = SOURCE) -> None:
         self.p, self.program, self.inputs, self.style = p, program, inputs, style
@@ -100,7 +104,7 @@ class Body:
         return self.singular
 
     def load_inputs(self, refs: Iterable[int]) -> None:
-        """Read the inputs of instructions, in order, before all branches."""
+        """Read the inputs that the instructions `refs` need, in order, before all branches."""
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
             read |= dict.fromkeys(code[ref].args)
@@ -109,7 +113,7 @@ class Body:
                 self.loaded(ref)
 
     def loaded(self, ref: int) -> None:
-        """Read an input or a prepared result, unless it has been read."""
+        """Read the result of instruction `ref` from the inputs, unless it has been read or has to be computed."""
         one, inputs = self.program.instructions[ref], self.inputs
         if one.op == "component" and one.args[0] in self.later:
             memory, place = self.later[one.args[0]][one.place]
@@ -123,7 +127,7 @@ class Body:
             self.restore(ref, one, inputs.slots[ref])
 
     def known(self, ref: int) -> bool:
-        """Return True if the value of a result is already in the procedure."""
+        """Return True if statements that compute or read the result of an instruction are already in the procedure."""
         return any(ref in known for known in (self.values, self.vectors, self.factors, self.later))
 
     def _named(self, ref: int, value: Any) -> Any:
@@ -143,7 +147,7 @@ class Body:
         return self.values[ref]
 
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
-        """Read a prepared result from the prepared array, from index `slot` on."""
+        """Read the prepared result of `one`, instruction number `ref`, from index `slot` of the prepared array on."""
         inputs, held = self.inputs, self.inputs.parameters
         if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
@@ -158,7 +162,7 @@ class Body:
             self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
 
     def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
-        """Return prepared factors of `factor_dense`: entries for a written-out elimination, else the memory."""
+        """Return the factors that `factor_dense` wrote to `memory`, as entries if the elimination is written out."""
         if not written_out(plan, self.style.largest):
             return FactoredMatrix({}, None, memory)
         n = plan.order
@@ -166,7 +170,7 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write a hoisted result to the prepared array, from index `slot` on."""
+        """Write the result of a hoisted instruction to the prepared array `out`, from index `slot` on."""
         one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if one.op == "factor":
             held = self.factors[ref]
@@ -187,7 +191,7 @@ class Body:
             out[slot] = self.p.real(self.value(ref))
 
     def run(self, refs: Iterable[int]) -> None:
-        """Add instructions in order of dependence. Systems with one matrix are solved together."""
+        """Add the instructions `refs`, sorted so that systems with the same matrix are solved together."""
         refs = list(refs)
         if self.style.early:
             self.load_inputs(refs)
@@ -202,7 +206,7 @@ class Body:
                 self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
-        """Return the largest number of systems with one matrix that are solved together."""
+        """Return the largest number of systems with the matrix of the instruction `factor` that are solved together."""
         plan = self.program.eliminations[factor]
         joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
         return min(joined, self.style.systems)
@@ -226,7 +230,7 @@ class Body:
             self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
 
     def partner(self, one: Instruction) -> int | None:
-        """Return the cosine of the same angle for a sine, or the sine for a cosine; None if the program lacks it."""
+        """Return the index of the cosine of the angle of a sine, or the converse; None if the program lacks it."""
         return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
 
     def vector(self, ref: int) -> list[Real]:
@@ -238,7 +242,7 @@ class Body:
         return self.vectors[ref]
 
     def entries(self, one: Instruction) -> dict[tuple[int, int], Real]:
-        """Return the entries (i, j), i >= j, of a matrix that are not identically zero."""
+        """Return the entries (i, j), i >= j, of the matrix of a factor instruction that are not identically zero."""
         found = {}
         for i in range(one.order):
             for j in range(i + 1):
@@ -249,7 +253,7 @@ class Body:
         return found
 
     def matrix(self, one: Instruction) -> Memory:
-        """Return memory with the lower triangle of a matrix, by columns."""
+        """Return memory with the lower triangle of the matrix of a factor instruction, by columns."""
         n, entries = one.order, self.entries(one)
         memory = self.p.reserve(n * n, name="matrix")
         places = [(i, j) for j in range(n) for i in range(j, n)]
@@ -278,12 +282,12 @@ class Body:
         return factors
 
     def right(self, ref: int) -> list[Real | None]:
-        """Return the right-hand side of a system. An entry that is zero is None."""
+        """Return the right-hand side of the solve instruction `ref`. An entry that is zero is None."""
         args, code = self.program.instructions[ref].args[1:], self.program.instructions
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
-        """Solve the systems of solve instructions with one factored matrix."""
+        """Solve the systems of the instructions `solves` with the matrix that the instruction `factor` factored."""
         if factor not in self.factors:
             self.loaded(factor)
         one = self.program.instructions[factor]
@@ -302,7 +306,7 @@ class Body:
                 self.vectors[ref] = x
 
     def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return the solutions of systems whose factors are in memory."""
+        """Return the solutions of systems of size n, one for each right-hand side, by `factors` in memory."""
         p = self.p
         vector = p.reserve(n * len(right), name="vector")
         for k, value in enumerate(entry for one in right for entry in one):
@@ -320,14 +324,14 @@ class Body:
         return self.style.side_by_side and not written_out(plan, self.style.largest)
 
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
-        """Return the memory of adjacent right-hand sides, and the length of a row."""
+        """Return the memory in which the right-hand sides of `solves` are adjacent columns, and the length of a row."""
         n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), WIDEST_VECTOR)
         if solves[0] not in self.rows:
             self.rows[solves[0]] = self.p.reserve(n * width, room=WIDEST_VECTOR, name="rows")
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:
-        """Write a right-hand side to memory when it is computed, to free registers."""
+        """Write the right-hand side of `ref`, one of `solves`, to memory when it is computed, to free registers."""
         (rows, width), column = self.rows_of(solves), solves.index(ref)
         for i, value in enumerate(self.right(ref)):
             rows[i * width + column] = 0.0 if value is None else value
@@ -346,7 +350,7 @@ class Body:
     def written_out(
         self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return the solutions by written-out factors, or by pivoting if a pivot is too small."""
+        """Return the solutions by the written-out factors `held`, or by pivoting if a pivot is too small."""
         p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
         entries = self.entries(one) if plan.negative else {}

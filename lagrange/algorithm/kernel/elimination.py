@@ -15,10 +15,10 @@ Entries = Mapping[tuple[int, int], Real]
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
-    """Return the entries of L, with 1/d on its diagonal, and the flag that every pivot is large enough.
+    """Return the entries of L for a matrix with entries `a`, with 1/d on its diagonal, and the flag of large pivots.
 
-    A pivot is compared with its diagonal entry. The diagonal entry of a multiplier is zero: its pivot is compared with
-    the subtracted terms, those of G M^-1 G^T of the constraint.
+    The flag is true if every pivot is large enough. A pivot is compared with its diagonal entry. The diagonal entry of
+    a multiplier is zero: its pivot is compared with the subtracted terms, those of G M^-1 G^T of the constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -40,7 +40,7 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
 
 
 def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
-    """Write a matrix in the layout of `factor_pivoted`, with rows in the order `ranks` of the plan."""
+    """Write a matrix with entries `a` in the layout of `factor_pivoted`, with rows in the order `ranks` of the plan."""
     size = band_size(plan.order, plan.band)
     if len(a) < size:
         with p.each(size, width=1) as k:
@@ -52,7 +52,10 @@ def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
 def _trusted(
     p: Builder, plan: Elimination, j: int, a: Entries, products: Sequence[tuple[Real, Real]], scaled: Entries
 ) -> Flag:
-    """Return the flag that a pivot has the right sign, and is not small compared with its terms."""
+    """Return the flag that pivot j has the right sign, and is not small compared with its terms.
+
+    `products` are the factors of the terms that were subtracted from its diagonal entry, and `scaled` has the pivot.
+    """
     pivot = scaled.get((j, j), p.real(0.0))
     if j not in plan.negative:
         return Flag.of(pivot > abs(a.get((j, j), p.real(0.0))) * least_pivot(plan.negative))
@@ -71,7 +74,7 @@ def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real 
 
 
 def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
-    """Return the solution of a factored system; an entry None of the right-hand side is zero."""
+    """Return the solution by the factors `lower`; an entry None of the right-hand side is zero."""
     x = list(right)
 
     def less(value: Real | None, entry: Real | None, other: Real | None) -> Real | None:
@@ -91,7 +94,7 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 
 
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
-    """Return for each multiplier the flag that the solution satisfies its row.
+    """Return for each multiplier the flag that the solution x satisfies its row of the system.
 
     If inertias differ by many digits, pivots may be large and the solution still wrong: the force on a light body is
     then the difference of two nearly equal forces.

@@ -132,29 +132,33 @@ def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: 
 
 
 def results_of(quantity: Procedure) -> int:
-    """Return the number of entries that a quantity returns."""
+    """Return the number of entries that the procedure of a quantity writes to its argument `out`."""
     (size,) = (p.type.size for p in quantity.parameters if p.name == "out" and isinstance(p.type, Array))
     assert size is not None
     return size
 
 
 def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return a quantity that also reports a singular matrix if a result is not finite and a divisor is zero.
+    """Return a procedure of a quantity that reports a singular matrix if a result is not finite and a divisor is zero.
 
-    Formulas are simplified, so they need not compute the divisors; `entries` computes them.
+    The formulas of the quantity are simplified and need not compute the divisors. The procedure `entries` computes
+    them.
     """
     formulas = replace(quantity, name=f"{quantity.name}_formulas")
     return replace(guarded_quantity.form(formulas=formulas, entries=entries), name=quantity.name, about=quantity.about)
 
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
-    """Return the type of a parameter of a quantity, as a function of its formulas."""
+    """Return a function from a procedure `formulas` to the type of its parameter `name`."""
     return lambda formulas: next(one.type for one in formulas.parameters if one.name == name)
 
 
 @procedure(y=array_of("y"), p=array_of("p"), out=array_of("out"))
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
-    """Write a quantity, and return whether a matrix is singular; see `guarded`."""
+    """Write a quantity by its formulas, and return whether a matrix is singular.
+
+    A matrix is also singular if a result is not finite and one of the divisors, which `entries` computes, is zero.
+    """
     singular: bool = generated(formulas, t, y, p, out)
     zero_or_nan = 0.0
     for k in range(results_of(formulas)):

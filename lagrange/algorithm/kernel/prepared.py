@@ -54,7 +54,7 @@ class PreparedLayout:
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add the hoisted instructions of a program to `merged`. Return the index of each in it."""
+    """Add the hoisted instructions of a program to `merged`. Return the index in `merged` of each of them."""
     table: list[int] = []
     for one in program.instructions[: program.hoisted]:
         moved = one._replace(args=tuple(table[arg] for arg in one.args))
@@ -68,7 +68,7 @@ def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
 
 
 def width_of(program: Program, ref: int, largest: int = LARGEST_IN_SOURCE) -> int:
-    """Return the number of doubles that a result occupies in the prepared array."""
+    """Return the number of doubles that the result of instruction `ref` occupies in the prepared array."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]

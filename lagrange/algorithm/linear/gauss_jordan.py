@@ -65,7 +65,7 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
 
 @inline
 def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
-    """Write the reciprocal size of each row and of each column."""
+    """Write the reciprocal size of each row of the matrix a to `units`, and that of each column to `columns`."""
     stride = row_stride(n)
     for j in each(n, spill=True):
         columns[j] = 1.0
@@ -81,7 +81,7 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
 
 @inline
 def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
-    """Write the reciprocal size of each row after the columns are scaled."""
+    """Write the reciprocal size of each row to `units`, after the columns are scaled by the factors `columns`."""
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
         for j in each(n, unrolled=n <= UNROLLED_ORDER):
@@ -110,7 +110,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
 
 @inline
 def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
-    """Return the scaled size of the entry in row i, or -1 if it cannot be the pivot, and i."""
+    """Return (size, i): the scaled size of the entry of row i in column k, or -1 if it cannot be the pivot."""
     size = abs(a[i * stride :][k]) * units[i]
     return size if size >= 0.0 and k <= i else -1.0, i
 

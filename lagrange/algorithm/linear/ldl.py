@@ -32,7 +32,7 @@ RESIDUAL = 2.0**-40
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the least accepted pivot, relative to its terms, in a matrix with the given negative pivots."""
+    """Return the least accepted pivot, relative to its terms; `negative` are the indices of negative pivots."""
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
@@ -49,7 +49,7 @@ def is_trusted(pivot: float, diagonal: float) -> bool:
 
 @procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
-    """Factor A = L D L^T by columns. Return True if every pivot is large enough."""
+    """Factor A = L D L^T by columns, without pivoting. Return True if every pivot is large enough."""
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     for j in range(n):
         for i in range(j, n):

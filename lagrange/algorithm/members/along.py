@@ -62,10 +62,10 @@ def table_of_points() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Expressions along a run and their reductions.
+    """Expressions that are followed along a run, and their reductions.
 
-    `size` expressions depend on some `entries` of the state. `kernel` is a procedure of time, state, numbers and
-    results. `reductions` are pairs of "max", "min" or "mean" and the index of an expression.
+    There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them from
+    time, state and prepared numbers. `reductions` are pairs of "max", "min" or "mean" and the index of an expression.
     """
 
     kernel: Procedure
@@ -94,7 +94,8 @@ class SampledStep:
 class Reduced:
     """Memory for the reductions of a member's expressions: their values now, and at the end of the sampled step.
 
-    For each reduction there are the result so far, the result with the sampled step, and the rounding error of a sum.
+    For each reduction there are the result so far (`best`), the result with the sampled step (`tried`), and the
+    rounding error of the sum (`lost`).
     """
 
     now: Out
@@ -106,7 +107,10 @@ class Reduced:
 
 @dataclass(frozen=True, eq=False)
 class AlongRun:
-    """The reductions of a member's expressions along its run, whose `path` is its dense output; see `PATH`."""
+    """The reductions of a member's expressions along its run.
+
+    `path` is the dense output of its steps, a callback of type `PATH`.
+    """
 
     sampled: Sampled
     path: Procedure
@@ -125,7 +129,7 @@ class AlongRun:
 
     @inline
     def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
-        """Initialize with the values at the start of a member."""
+        """Initialize the reductions with the values of the expressions at the start of a member's run."""
         is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
         for place in unrolled(self.sampled.size):
             value = reduced.now[place]
@@ -143,7 +147,7 @@ class AlongRun:
 
     @inline
     def accept(self, reduced: Reduced) -> None:
-        """Commit the values of the sampled step."""
+        """Add the sampled step, which was accepted, to the reductions."""
         for place in unrolled(self.sampled.size):
             reduced.now[place] = reduced.ahead[place]
         for k, (how, _) in enumerate(self.sampled.reductions):
@@ -154,7 +158,7 @@ class AlongRun:
 
     @inline
     def write(self, reduced: Reduced, duration: float, to: Out) -> None:
-        """Write the reductions of a member after a run of some duration."""
+        """Write the results of all reductions after a run of a `duration`, by which integrals are divided to means."""
         for k, (how, place) in enumerate(self.sampled.reductions):
             value = reduced.best[k]
             if how == "mean":
@@ -177,8 +181,8 @@ def follow_step(
 ) -> None:
     """Sample expressions on a step, and write their values at its end, `ahead`.
 
-    For each reduction write `tried`: the integral over the step, or the largest value so far. `points` are those of
-    Lobatto's rule and then its weights.
+    For each reduction write `tried`: the integral over the step, or the extreme value so far. `points` has the points
+    of Gauss-Lobatto's rule, followed by the weights.
     """
     t, h, degree, size = step.t, step.h, step.degree, sampled.size
     samples, state, there = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
@@ -213,7 +217,7 @@ def integral(samples: In, weights: In) -> float:
 
 @cache
 def search_on_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the procedure `raised` for the expressions of a system."""
+    """Return the procedure `raised`, which searches for the extreme value on a step, for `sampled` expressions."""
     value = value_on_step.form(sampled=sampled, path=path, dimension=dimension)
     return bound(raised.form(), {"value": value}, prefix="step_")
 
@@ -233,7 +237,10 @@ def value_on_step(
     path: Procedure,
     dimension: int,
 ) -> float:
-    """Return the value of an expression at a fraction of a step; see `VALUE`."""
+    """Return the value of an expression at a fraction of a step.
+
+    The other arguments are the fields of `ExpressionOnStep`, `place` the index of the expression.
+    """
     state, there = reals(dimension), reals(sampled.size)
     generated(path, fraction, ratio, coefficients, state, degree)
     is_singular = generated(sampled.kernel, fma(h, fraction, t), state, numbers, there)
@@ -244,9 +251,9 @@ def value_on_step(
 def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, points: In) -> float:
     """Return the largest value of `sign` times an expression on a step, or `before` if that is larger.
 
-    `samples` are its values at the `points`. A maximum is near a point that is not less than its neighbours. It is
-    between an end of the step and the next point if the expression rises from the end, but the next point is not
-    larger. That takes one more value.
+    `samples` are its values at the `points`. A maximum is near a point whose value is not less than those of the
+    neighbours. A maximum lies between an end of the step and the next point if the expression rises from the end, but
+    is not larger at the next point. That test takes one more value.
     """
     best = before
     for j in range(SAMPLE_POINTS):

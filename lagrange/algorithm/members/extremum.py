@@ -32,8 +32,8 @@ GOLDEN = 0.3819660112501051
 class ExpressionOnStep:
     """An expression along a step that begins at time t and has the length h.
 
-    `ratio` is its length in the unit of the polynomial of the step, which has `coefficients` and a `degree`. `place` is
-    the index of the expression, and `numbers` are those of the system.
+    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit of time.
+    `place` is the index of the expression, and `numbers` are the prepared numbers of the system.
     """
 
     value: Callable[..., Any]
@@ -72,8 +72,8 @@ def largest_between(
 ) -> float:
     """Return the largest value of `sign` times an expression between two fractions of a step, or `best` if larger.
 
-    The expression has its values at the ends `low` and `high`, and is not less at `middle`. The next point is the
-    vertex of the parabola through the three best points, or that of the golden section.
+    `low_value`, `middle_value` and `high_value` are values of the expression; `sign` times it is largest at `middle`.
+    The next point is the vertex of the parabola through the three best points, or that of the golden section.
     """
     low_is_better = low_value * sign > high_value * sign
     x, fx = middle, middle_value * sign

@@ -40,7 +40,8 @@ MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 class TaylorEvents:
     """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
-    `values` evaluates all from a time, a state and the numbers of the system. See `Watch` for the flags.
+    `values` evaluates all of them from a time, a state and the prepared numbers. `changing` is true if one of them may
+    end the run; `hides_growth` and `steep` are true if every step has to be inspected, as in `Watch`.
     """
 
     values: Procedure
@@ -80,7 +81,10 @@ class FirstOccurrences:
 
     @inline
     def keep(self, arrays: Any, seen: WholesOut, index: int, place: int, t: float, state: In) -> None:
-        """Store an occurrence of an event of a member, if it is among the first."""
+        """Store an occurrence of event `place` of member `index`, if it is among the first: its time and state.
+
+        `seen` is the number of occurrences of each event so far.
+        """
         number = seen[min(place, max(self.kept - 1, 0))]
         if place < self.kept and number < arrays.most:
             slot = (index * self.kept + place) * arrays.most + number
@@ -93,7 +97,7 @@ class FirstOccurrences:
 
 @dataclass(frozen=True)
 class SearchArguments(OccurrenceArrays):
-    """Arguments of the search for events on Taylor steps; see `Watched`."""
+    """Arguments of the search for events on Taylor steps, with the meanings of the fields of `Watched`."""
 
     sizes: Sizes
     settings: WholesIn
@@ -102,7 +106,10 @@ class SearchArguments(OccurrenceArrays):
 
 @dataclass(frozen=True)
 class SearchMemory:
-    """Memory of the search for events on the steps of a member; see `Watched`."""
+    """Memory of the search for events on the steps of a member. The fields are those of `Watched`, and two counts.
+
+    `seen` is the number of occurrences of each event so far.
+    """
 
     watch: Watch
     sides: WholesOut
@@ -137,7 +144,7 @@ class EventSearch:
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
-        """Return the arguments of the loop over steps."""
+        """Return the watched functions as arguments of the loop over steps."""
         given = job.watched
         unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
         arrays = given.tilts, memory.sides, given.settings, memory.times, memory.states, memory.places, *unused
@@ -160,7 +167,7 @@ class EventSearch:
 
     @inline
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
-        """Copy the events on proven steps to the results."""
+        """Copy the new events on proven steps to the results of the member with number `index`."""
         watch, slot = memory.watch, memory.taken[0]
         if unlikely(watch.done > slot):
             while slot < watch.done:
@@ -173,12 +180,16 @@ class EventSearch:
 
     @inline
     def due(self, memory: SearchMemory) -> int:
-        """Return the index of the first function that vanishes at the end of the last step."""
+        """Return the index of the watched function listed first among those that are zero at the end of the step."""
         return memory.whole_scratch[self.events.count * due_part(0)]
 
     @inline
     def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:
-        """Return whether an event, and nothing else, ends the run at the present state."""
+        """Return whether an event, and nothing else, ends the run at the present state.
+
+        `outcome` is that of the loop over steps, `unproven` is 1 if the last step is not proven, and `last` is true if
+        the budget allows no more steps.
+        """
         is_due = memory.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
         is_stopped = outcome == Outcome.DONE or outcome == Outcome.WATCHED
         return is_due and (is_stopped or (outcome == Outcome.PAUSED and last))

@@ -24,9 +24,10 @@ of the step in the unit of the polynomial, the coefficients, the state, and the 
 def polynomial_path(
     fraction: float, ratio: float, c: In, out: Out, degree: int, *, entries: tuple[int, ...], dimension: int
 ) -> None:
-    """Write some entries of the state at a fraction of a step, by polynomials in the fraction; see `PATH`.
+    """Write some entries of the state at a fraction of a step, by polynomials in time.
 
-    The coefficients of a power are adjacent, in the order of the state.
+    `ratio` is the length of the step in the unit of the polynomials. The coefficients c of a power are adjacent, in the
+    order of the state. The type of the procedure is `PATH`.
     """
     theta = fraction * ratio
     totals = tuple(c[degree * dimension + j] for j in entries)
@@ -41,9 +42,10 @@ def polynomial_path(
 def series_path(
     fraction: float, ratio: float, work: In, out: Out, order: int, *, layout: TaylorLayout, entries: tuple[int, ...]
 ) -> None:
-    """Write some entries of the state at a fraction of a step by the series of the last step; see `PATH`.
+    """Write some entries of the state at a fraction of a step, by the series of the last step.
 
-    The state before the step is stored with its rows.
+    `ratio` is the length of the step in units of the scale of time. The work array has the state before the step and
+    the rows of the series. The type of the procedure is `PATH`.
     """
     before, lost = work[layout.held :], work[layout.held + layout.padded :]
     powers = powers_of(fraction * ratio)
@@ -77,14 +79,14 @@ def states_on_step(
 
 @dataclass(frozen=True)
 class MemberDenseOutput:
-    """The dense output of a method: the kind of its polynomials, and the right-hand side as a procedure."""
+    """Dense output of members' steps: its kind, and the right-hand side as a procedure."""
 
     kind: StepPolynomial
     law: Procedure
 
     @cached_property
     def column(self) -> Procedure:
-        """The right-hand side as a law over columns, for one column."""
+        """The right-hand side as a procedure of type `COLUMNS`, for one column."""
         return law_of_column.form(law=self.law)
 
 
@@ -98,7 +100,7 @@ class MemberStepPath:
 
     @classmethod
     def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> MemberStepPath:
-        """Return the path for a law over columns; `prefix` is added to the names of its procedures."""
+        """Return the path for a `law` of type `COLUMNS`; `prefix` is added to the names of its procedures."""
         return cls(kind, bound(kind.procedure, {"law": law}, prefix=prefix), dimension)
 
     @property
@@ -108,7 +110,10 @@ class MemberStepPath:
 
     @inline
     def write(self, given: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
-        """Write the polynomial of a step; `given` are the numbers of the law and of the method. See `POLYNOMIAL`."""
+        """Write the polynomials of steps. The arguments are those of the type `POLYNOMIAL`.
+
+        `given` are two arrays: the prepared numbers of the law, and the coefficients of the method.
+        """
         numbers, table = given
         names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
         layout = self.kind.stages, self.kind.degree, self.dimension, columns
@@ -142,12 +147,15 @@ class MemberPath:
 
     @inline
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
-        """Write the polynomial of the step, from the numbers of the method and those of the law."""
+        """Write the polynomial of the step. `table` are coefficients of the method, `numbers` those of the law."""
         own = memory.step.memory
         self.path.write((numbers, table), 1, own, own, memory.work, memory.c)
 
 
 @procedure
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
-    """Write the right-hand side of one column; return 0 if a matrix is singular, else -1. See `COLUMNS`."""
+    """Write the right-hand side of one column; return 0 if a matrix is singular, else -1.
+
+    The type of the procedure is `COLUMNS`.
+    """
     return int(generated(law, t[0], q, numbers, out)) - 1

@@ -32,10 +32,10 @@ PREPARE = Callee((READ, Array()), (FLAG,))
 
 @dataclass(frozen=True)
 class SystemNumbers:
-    """The numbers of procedures in addition to time and state: parameters, then the values of them alone.
+    """Prepared numbers of a system: the parameters, followed by the values that depend on parameters alone.
 
-    `size` is their total number. With `prepare` each member has its own `parameters`, from which it computes all
-    numbers; otherwise all members share one array of them.
+    `size` is their total number, and `parameters` the number of parameters. With the procedure `prepare` each member
+    has parameters of its own, and computes all numbers from them. Otherwise all members share one array.
     """
 
     size: int
@@ -45,7 +45,7 @@ class SystemNumbers:
 
 @dataclass(frozen=True)
 class Observed:
-    """Numbers that are recorded of a state, `size` of them, by a procedure of time, state, numbers and results."""
+    """Values that are recorded of a state, `size` of them; a procedure computes them from time, state and numbers."""
 
     kernel: Procedure
     size: int
@@ -53,7 +53,7 @@ class Observed:
 
 @procedure
 def energy_and_momenta(t: float, y: In, numbers: In, out: Out, *, energy: Procedure, momenta: Procedure) -> bool:
-    """Write the energy and the momenta of a state; return whether one of them has no value."""
+    """Write the energy and the conserved momenta of a state; return whether one of them has no value."""
     is_singular = generated(energy, t, y, numbers, out)
     others_are: bool = generated(momenta, t, y, numbers, out[1:])
     return is_singular or others_are
@@ -63,9 +63,10 @@ def energy_and_momenta(t: float, y: In, numbers: In, out: Out, *, energy: Proced
 class MemberJob:
     """The members of a call, their common settings, and the arrays of their results, a row for each member.
 
-    There are `count` members, which run from t0 to t1 with at most `budget` trial steps. `starts` has their states
-    [q, v], and `numbers` their parameters or the common numbers; see `SystemNumbers`. Their ends are in `ends`, `times`
-    and `outcomes`: a member whose outcome is not DONE is at the point where its run stopped.
+    There are `count` members, which run from t0 to t1 with at most `budget` trial steps each. `starts` has their
+    states [q, v]. `numbers` has the parameters of each member, or the prepared numbers that all members share.
+    `ends`, `times` and `outcomes` are the last states, their times and the outcomes: a member whose outcome is not
+    DONE is at the point where its run stopped.
     """
 
     lane: int
@@ -149,7 +150,7 @@ class Member:
 class MemberMethod(ABC):
     """A method by which members run: its memory, the start of a run, and its steps.
 
-    `functions` are the law of a `MemberJob`, of type `law_type`, and `values` with a Taylor run's events.
+    `functions` has the function `law` of a `MemberJob`, of type `law_type`, and for Taylor runs with events `values`.
     `watched_type` is the class of the arguments of the search for events, None without events.
     """
 
@@ -170,11 +171,14 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Take a step, and return an outcome, PAUSED if the run continues; after the `last` step it does not."""
+        """Take a step of member `index`, and return an outcome, PAUSED if the run continues.
+
+        `last` is true if the budget allows no step after this one.
+        """
 
     @abstractmethod
     def attempts(self, job: MemberJob, member: Member) -> int:
-        """Return the number of trial steps of a member, which the budget bounds."""
+        """Return the number of trial steps of a member so far, which the budget limits."""
 
     def build(self) -> Procedure:
         """Return the procedure that runs members by this method."""
@@ -225,7 +229,7 @@ def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
 
 @inline
 def begin_member(job: MemberJob, member: Member, index: int, method: MemberMethod) -> None:
-    """Initialize the run of the next member."""
+    """Initialize the run of the member with number `index`."""
     run, n = member.run, method.dimension
     if job.prepare is not None:
         job.prepare(job.numbers[index * method.numbers.parameters :], member.numbers)
@@ -246,7 +250,7 @@ def begin_member(job: MemberJob, member: Member, index: int, method: MemberMetho
 
 @inline
 def move_to(member: Member, state: In, dimension: int) -> None:
-    """Set the state of a member."""
+    """Set the state of a member, vector by vector, to `state`, which has `dimension` entries."""
     length = dimension // len(member.parts)
     for k, part in enumerate(member.parts):
         entries = state[k * length :]
@@ -266,7 +270,7 @@ def copy_state(member: Member, to: Out, dimension: int) -> None:
 
 @inline
 def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, method: MemberMethod) -> None:
-    """Write the observed values of the state as a row of some results."""
+    """Write the observed values of the member's state at time t to row `index` of `results`."""
     size = method.observed.size
     copy_state(member, member.state, method.dimension)
     job.observe(t, member.state, member.numbers, member.observed)
@@ -277,10 +281,10 @@ def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, 
 
 @inline
 def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
-    """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without a survey of sizes.
+    """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without an estimate of entry sizes.
 
-    Sizes would only raise floors, so its steps are at most shorter. A run ends if it cannot begin without them, or if
-    an entry may be rounding: its steps would shrink to nothing.
+    Sizes would only raise floors, so without them steps are at most shorter. A run ends if it cannot begin without
+    sizes, or if an entry may be rounding noise: its steps would shrink to nothing.
     """
     counts = member.counts
     is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS
@@ -293,7 +297,10 @@ def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
 
 @inline
 def some_rounded(floors: In, half: int) -> bool:
-    """Return whether the floor of an entry is below `SMALL_FLOOR` times the largest of its kind."""
+    """Return whether the floor of a coordinate or velocity is below `SMALL_FLOOR` times the largest of its kind.
+
+    The first `half` floors are those of the coordinates.
+    """
     is_rounded = False
     for begin in (0, half):
         largest = 0.0
@@ -307,7 +314,7 @@ def some_rounded(floors: In, half: int) -> bool:
 
 @inline
 def end_member(job: MemberJob, member: Member, index: int, outcome: int, method: MemberMethod) -> None:
-    """Write the results of a member."""
+    """Write the results of member `index` and the outcome of its run."""
     run, counts, n = member.run, member.counts, method.dimension
     copy_state(member, job.ends[index * n :], n)
     observe(job, member, run.t, job.last, index, method)
@@ -322,7 +329,7 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return an outcome. If steps shrank because trials had no value, it is the outcome of these trials."""
+    """Return the outcome of a run; if its steps shrank because trials failed, the outcome of these trials."""
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
         outcome = cause if is_stuck and run.cause == float(cause) else outcome

@@ -44,7 +44,10 @@ class ReviewArguments(OccurrenceArrays):
 
 @dataclass(frozen=True)
 class ReviewMemory:
-    """Memory of the search for events on the steps of a member; see `ReviewedEvents`."""
+    """Memory of the search for events on the steps of a member: the fields of `ReviewedEvents`, and two more.
+
+    `zeros` are the states at zeros. `seen` is the number of occurrences of each event so far.
+    """
 
     review: Review
     sign: WholesOut
@@ -95,9 +98,10 @@ class StepEventSearch:
     def look(
         self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
     ) -> tuple[int, float, float]:
-        """Review a step up to a time. Return the outcome, and the time and the fraction of the step of the run's end.
+        """Review a step up to the time `end`. Return the outcome, and up to where the step counts: time and fraction.
 
-        The outcome is PAUSED if the run continues. If an event ends it, its state is in `memory.there`.
+        The outcome is PAUSED if the run continues. If an event ends the run, the state at that event is in
+        `memory.there`. `index` is the number of the member.
         """
         review, steps, given = memory.review, member.counts.steps, job.watched
         review.found, review.starts = 0, int(steps == 1)
@@ -123,7 +127,7 @@ class StepEventSearch:
     def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
         """Write the state at the event that ends the run; return its time and its fraction of the step.
 
-        At the end of a step that is the accepted state.
+        At an end of the step it is the state there, which is not interpolated.
         """
         part, slot = memory.review.place, memory.review.found
         is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]

@@ -20,9 +20,9 @@ from lagrange.procedure.front.vocabulary import In, Out, WholesIn, generated, re
 
 @dataclass(frozen=True)
 class StepEvents:
-    """The event functions of members on steps: `count` of them, by a procedure of time, state, numbers and results.
+    """The event functions of members: `count` of them, which the procedure `values` evaluates.
 
-    With `screened` steps are screened by cubics, as in single runs of methods with error control.
+    If `screened`, cubics exclude events on most steps, as in single runs of methods with error control.
     """
 
     values: Procedure
@@ -39,28 +39,28 @@ class MemberFunctions:
     dimension: int
 
     def path(self, prefix: str) -> MemberStepPath:
-        """Return the dense output, in procedures with a prefix to their names."""
+        """Return the dense output of steps; `prefix` is added to the names of its procedures."""
         return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
 
     def cubic(self) -> MemberStepPath:
-        """Return the cubic through the ends of a step."""
+        """Return the dense output by cubics through the ends of steps, which screen events."""
         return MemberStepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
 
     @inline
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the right-hand side of a column; see `COLUMNS`."""
+        """Write the right-hand side of a column. The arguments and the result are those of the type `COLUMNS`."""
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
         return failed
 
     @inline
     def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the events of each column; see `COLUMNS`."""
+        """Write the event functions of each column. The arguments and the result are those of the type `COLUMNS`."""
         return events_of_columns(columns, t, q, numbers, out, functions=self)
 
 
 @procedure
 def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
-    """Write the events of each column; return the first without an acceleration, or -1."""
+    """Write the event functions of each column; return the first column without an acceleration, or -1."""
     events, n, failed = functions.events, functions.dimension, -1
     state, values = reals(n), reals(events.count)
     for b in range(columns):
@@ -92,7 +92,7 @@ class StepSamples(Samples):
 def review_step(
     watch: ReviewedEvents, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: MemberFunctions
 ) -> int:
-    """Find the zeros of events on a step, and say why that ended; see `review`."""
+    """Find the zeros of events on a step up to the time `end`, and return the reason for the end of the search."""
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
     work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)

@@ -34,7 +34,7 @@ from lagrange.program.step import StepProgram
 
 @dataclass(frozen=True)
 class StepMemory:
-    """Memory of a run by steps: the vectors of a step, and what follows the accepted steps."""
+    """Memory of a run by steps: the vectors of a step, and memory to evaluate expressions and events on it."""
 
     work: Out
     effort: Effort

@@ -76,13 +76,16 @@ class TaylorMembers(MemberMethod):
 
     @inline
     def attempts(self, job: MemberJob, member: Member) -> int:
-        """Return the number of trial steps, including the last one, which is not proven yet."""
+        """Return the number of trial steps, including the last one, which the defect test has not confirmed yet."""
         tried: int = member.counts.steps + member.counts.rejected + member.own.held.unproven
         return tried
 
     @inline
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Prove the last step, and take the next one."""
+        """Test the defect of the last step of member `index`, and take the next step. Return an outcome.
+
+        `last` is true if the budget allows no step after this one.
+        """
         run, counts, own = member.run, member.counts, member.own
         states = job.outputs[index * (job.wanted * self.dimension) :]
         watched = None if self.search is None else self.search.arguments(own.search, job, member.numbers)

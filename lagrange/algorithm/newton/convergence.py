@@ -80,7 +80,10 @@ def assess_correction(
 
 @inline
 def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
-    """Return True if the estimated error is small enough, or two corrections in a row are at rounding level."""
+    """Return True if the estimated error is small enough, or two corrections in a row are at rounding level.
+
+    `norm` and `previous` are the sizes of the last two corrections, and `rate` is their contraction rate.
+    """
     bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
     small = norm * rate <= (1.0 - rate) * bound
     return small if adaptive else small or larger(norm, previous) <= newton.noise

@@ -77,10 +77,10 @@ def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLay
 
 @inline
 def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Set the weights of corrections: their largest effect on a state in the arguments of calls, by tolerance.
+    """Set the weight of each unknown: its largest effect on a state in the arguments of calls, in tolerances.
 
-    The unit is the tolerance of the state. The size of an entry that begins at zero is its slope times the step. A
-    multiplier has no tolerance: its weight is 0, and its effect on the velocities counts.
+    The size of an entry of the state is at least its slope times the step, for entries that begin at zero. A multiplier
+    has no tolerance: its weight is 0, and its effect on the velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, given.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
@@ -103,7 +103,7 @@ def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve
 
 @inline
 def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
-    """Return the largest absolute value of some numbers of a step."""
+    """Return the largest absolute value of the coefficients `factors` in the present step."""
     largest = 0.0
     for factor in factors:
         largest = larger(largest, abs(vectors.numbers[factor]))

@@ -121,7 +121,7 @@ def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall
 
 @inline
 def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
-    """Return an array with the numbers that `nodes` compute in the present step."""
+    """Return an array with the values of the coefficients `nodes` in the present step."""
     values = reals(len(nodes))
     for i, node in enumerate(nodes):
         values[i] = vectors.numbers[node]
@@ -140,7 +140,7 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return a column of the block (r, s) of the derivative: of result r by argument s."""
+        """Return a column of block (r, s) of the derivative: that of result r by argument s of the law."""
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
@@ -207,11 +207,11 @@ class Matrix:
 def weigh_by_rounding(
     vectors: StepVectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]
 ) -> None:
-    """Set the weights of corrections: the effect on the unknowns of rounding a residual and its calls' arguments.
+    """Set the weight of each unknown to 1 over its rounding error, which no iteration can reduce.
 
-    The sizes of the terms of a residual, and J times those of the arguments, give an error of one unit of rounding. The
-    inverse maps it to the unknowns. In any units, no iteration can reach a smaller error. `factors` are those of each
-    result in each residual, by rows (residual, result), a list with the factor of every call.
+    The magnitudes of the terms of a residual, plus |J| times those of the arguments of its calls, give the rounding
+    error of the residual. The inverse of the matrix maps this error to the unknowns. `factors` has for each pair
+    (residual, result of the law) the factors of that result in the residual, one for each call.
     """
     work, rows, length, width = vectors.given.work, vectors.layout.rows, solve.length, solve.width
     count, law, shares = solve.solve.count, LAWS[vectors.layout.step.law], reals(len(factors))

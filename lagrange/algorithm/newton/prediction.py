@@ -39,7 +39,7 @@ def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]
 
 @inline
 def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
-    """Write the sum of the first `order` differences, added from the smallest on."""
+    """Write the sum of the first `order` backward differences to the unknowns, added from the highest rank on."""
     for k in reversed(ORDERS):
         if order == k:
             for i in each(count, spill=True, disjoint=True):
@@ -87,9 +87,9 @@ def update_differences(differences: tuple[Writable[float], ...], value: float, i
 
 @inline
 def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
-    """Set the order of the next guess to that with the least error.
+    """Set the order of the next guess to that with the least error; `errors` are those of all `ORDERS`.
 
-    An order that has just become available may replace it.
+    An order that has just become available is taken in any case.
     """
     known, following = newton.known, newton.known + 1
     best, least = ORDERS[0], errors[0]

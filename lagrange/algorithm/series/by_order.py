@@ -57,7 +57,7 @@ def by_order_scratch(packing: Packing) -> int:
 
 
 class ByOrderJet(LoopJet):
-    """Builder of the procedure. `x` has the values of the present order, by chunk."""
+    """Builder of the procedure that computes a series for lanes. `x` has the coefficients of the present order."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
         super().__init__(packing, numbers, layout or by_order_layout(packing), LARGEST_INVERSE)
@@ -96,18 +96,18 @@ class ByOrderJet(LoopJet):
         return p.finish(FLAG)
 
     def set_order(self, k: Whole) -> None:
-        """Build the numbers that depend on the order alone."""
+        """Compute the numbers that depend on the order k alone, and find its row and the previous one."""
         width = self.layout.width
         self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of chunks at the present order."""
+        """Compute the coefficients of chunks at the present order."""
         for chunk in chunks:
             self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
+        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
         depth = self.program.depth
         self.operands = {
             operand: x
@@ -117,7 +117,10 @@ class ByOrderJet(LoopJet):
         self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
 
     def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Return the unknowns of a stage, after building the values that depend on their trial values."""
+        """Compute the unknowns of stage number `place`, and then the values that depend on them.
+
+        `guess` are variables with the unknowns of the first of two iterations for order 1, or None.
+        """
         p = self.p
         guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
         self.know(place, guesses)
@@ -177,7 +180,7 @@ class ByOrderJet(LoopJet):
         return self.reciprocals[operand]
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
         return self.time
 
 
@@ -187,7 +190,7 @@ class _ByOrder(ChunkAt):
     series: ByOrderJet
 
     def total(self, which: int) -> Term:
-        """Return sum number `which` of the rule over 0 < j < k."""
+        """Return sum number `which` of the rule, a sum of x[j] y[k-j] over 0 < j < k."""
         return self.series.sums[self.chunk.sums[which]]
 
 

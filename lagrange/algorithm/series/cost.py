@@ -87,7 +87,7 @@ def factored_entries(packing: Packing) -> int:
 
 
 def operations(packing: Packing, order: int) -> int:
-    """Return the number of vector operations of a series that is written out: sums, chunks, order 0 and the inverse."""
+    """Return the number of vector operations of a written-out series: its sums, chunks, order 0 and the inverse."""
     program = packing.program
     inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
@@ -107,12 +107,12 @@ def is_large(packing: Packing, order: int) -> bool:
 
 
 def chunks(packing: Packing) -> int:
-    """Return the number of vectors that an order computes."""
+    """Return the number of vectors of values that are computed at each order."""
     return len(packing.before) + sum(len(stage.trial) + len(stage.found) for stage in packing.stages)
 
 
 def sums(packing: Packing) -> int:
-    """Return the number of vectors of sums over lower orders."""
+    """Return the number of vectors of sums over lower orders that are computed at each order."""
     return sum(len(chunk.sums) for chunk in packing.computed)
 
 

@@ -21,11 +21,11 @@ NOWHERE = -1
 
 
 class Image:
-    """Indices in memory of the values of one order: the state, operands that later orders read, then all others.
+    """Memory layout of the values of one order: the state, operands that later orders read, then all others.
 
     Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an aligned
-    array. A chunk whose values are adjacent and in order is read from there. Other chunks are `gathered` value by
-    value.
+    array. An operand whose values are adjacent and in order is read where they are. Other operands are `gathered`
+    value by value.
     """
 
     def __init__(self, packing: Packing, first: int) -> None:
@@ -91,7 +91,7 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return the value at each index that is read at order 0, in the row or by a rule."""
+        """Return the number of the value at each index that is read at order 0, in the row or by a rule."""
         found = {place: value for place, value in self.repeated.items() if place < self.width}
         initial = dict.fromkeys(self.packing.initial)
         for operand, begin in self.places.items():
@@ -117,7 +117,7 @@ def arguments(chunk: Chunk) -> tuple[Operand, ...]:
 
 
 class Orders(Protocol):
-    """State of a series that is built in a loop over orders, which its lanes read."""
+    """What lanes read of the builder of a series in a loop over orders: its arrays, constants and order k."""
 
     p: Builder
     program: SeriesProgram
@@ -139,7 +139,7 @@ class Orders(Protocol):
         """Return the number that constants of the table equal, if it is known at compile time; else None."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
 
     def part(self, x: Term) -> Term:
         """Return x / k, where k is the order."""
@@ -192,7 +192,7 @@ class ChunkLane:
         return self.read("constants", self.jet.vectors[self.chunk.coefficients[which]])
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
         return self.jet.share(x)
 
     def part(self, x: Term) -> Term:
@@ -200,7 +200,7 @@ class ChunkLane:
         return self.jet.part(x)
 
     def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
         return self.jet.time
 
 

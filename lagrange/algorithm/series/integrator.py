@@ -148,7 +148,7 @@ class TaylorProcedures:
 
 @procedure(parameters=lambda first: first.parameters[0].type, p=lambda second: second.parameters[0].type)
 def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
-    """Prepare the numbers of two sets of functions, and say whether a matrix is singular."""
+    """Prepare the numbers of two sets of functions, and return whether a matrix is singular."""
     is_first_singular: bool = generated(first, parameters, p)
     is_second_singular: bool = generated(second, p)
     return is_first_singular or is_second_singular
@@ -156,7 +156,7 @@ def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure)
 
 @dataclass(frozen=True)
 class SeriesFunctions:
-    """The functions of a run by series: the series itself, and the corrections of constraints or None."""
+    """The functions of a run by series: `jet` computes the series, `projection` corrections of constraints or None."""
 
     jet: Callable[..., bool]
     projection: Any
@@ -184,7 +184,7 @@ def taylor_run(
     steps_at_least: int,
     relations: bool,
 ) -> Outcome:
-    """Run from y at t[0] to t_end by Taylor series whose order follows rtol; both become those where it ends."""
+    """Run from y at t[0] to t_end by Taylor series whose order follows rtol; write the last state to y and t[0]."""
     n, projection = layout.dimension, of.projection
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
         return Outcome.UNPROJECTED

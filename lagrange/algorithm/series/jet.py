@@ -38,7 +38,8 @@ ANGLES_AT_ONCE = 8
 class JetBuilder:
     """Base class of builders of a series, order after order.
 
-    `origin` has the values of order 0, by number. Inverses of mass matrices are written out up to the size `largest`.
+    `origin` has the coefficients of order 0, by the number of the value. Inverses of mass matrices are written out up
+    to the size `largest`.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class JetBuilder:
         self.singular: Flag = p.false
 
     def begin(self) -> None:
-        """Build order 0, the constants and the linear systems."""
+        """Compute order 0, the constants, and the inverses or factors of the linear systems."""
         program, p = self.program, self.p
         self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
         self.joined: dict[tuple[int, ...], Term] = {}
@@ -83,7 +84,7 @@ class JetBuilder:
         self.singular = reduce(lambda a, b: a | b, flags)
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients of the table, given by their indices, as one number or vector."""
+        """Return the constants of the table with the indices `places`, as one number or vector."""
         if places not in self.joined:
             self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
         return self.joined[places]
@@ -99,7 +100,7 @@ class JetBuilder:
 
 
 class LoopJet(JetBuilder):
-    """Base class of a series whose orders are computed in a loop: the numbers that depend on the order k alone."""
+    """Base class of a series in a loop over orders; it computes the numbers that depend on the order k alone."""
 
     def __init__(
         self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
@@ -123,7 +124,7 @@ class LoopJet(JetBuilder):
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Build the numbers that depend on the order k alone."""
+        """Compute the numbers that depend on the order k alone."""
         p = self.p
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank
@@ -133,7 +134,7 @@ class LoopJet(JetBuilder):
         self.time = p.choose(k.equals(1), self.scale, 0.0)
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
         return divided(self, x, *self.shares)
 
     def part(self, x: Term) -> Term:
@@ -142,9 +143,9 @@ class LoopJet(JetBuilder):
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
-    """Return x (high + low), rounded once.
+    """Return x * (high + low), rounded once; high + low is 1 / k, or scale / k, in two doubles.
 
-    The rounded reciprocal of an order has an error of the same sign at every step, which would add up.
+    The rounded reciprocal of an order k has an error of the same sign at every step, which would add up.
     """
     if x is None:
         return None

@@ -127,7 +127,7 @@ class LoopedJet(LoopJet):
             self.prepare_systems()
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
-        """Write the reciprocals of the divisors of chunks at order 0."""
+        """Write the reciprocals of the values at order 0 by which chunks are divided."""
         wanted = dict.fromkeys(operand for chunk in chunks if (operand := divisor(chunk)) is not None)
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
         place = 0
@@ -169,14 +169,14 @@ class LoopedJet(LoopJet):
     # --- orders
 
     def set_order(self, k: Whole) -> None:
-        """Build the numbers that depend on the order k alone."""
+        """Compute the numbers that depend on the order k alone."""
         width = self.layout.width
         self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
         self.current = {}
 
     def sum_up(self) -> None:
-        """Build the sums over lower orders."""
+        """Compute the sums over lower orders."""
         tile: list[Piece] = []
         for piece in self.pieces():
             if sum(size for *_, size in (*tile, piece)) > TILE:
@@ -193,7 +193,7 @@ class LoopedJet(LoopJet):
                 yield chunk, which, begin, min(TILE, size - begin)
 
     def sum_tile(self, pieces: Sequence[Piece]) -> None:
-        """Build the sums of pieces in one loop."""
+        """Compute the sums of `pieces` in one loop over the lower orders."""
         width = self.layout.width
         for chunk, which, begin, size in pieces:
             self.clear(self.part_of("totals", self.sums[chunk, which] + begin), size)
@@ -204,7 +204,7 @@ class LoopedJet(LoopJet):
                     self.add_product(piece, lower, upper)
 
     def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
-        """Add the product of a row of the first factor and a row of the second to each sum of a piece."""
+        """Add to each sum of a piece the product of the factors in the rows `lower` (first) and `upper` (second)."""
         chunk, which, begin, size = piece
         a, b = (self.image.places[operand] + begin for operand in chunk.sums[which])
         total, left, right = self.part_of("totals", self.sums[chunk, which] + begin), lower.at(a), upper.at(b)
@@ -212,7 +212,7 @@ class LoopedJet(LoopJet):
             total[i] = self.p.fma(left[i], right[i], total[i])
 
     def find_coordinates(self) -> None:
-        """Build the coordinates from their rates of change."""
+        """Compute the coordinates from their rates of change."""
         for chunk, rate in zip(self.packing.coordinates, self.packing.rates, strict=True):
             target = self.part_of("now", chunk.values[0])
             source = self.part_of("previous", self.image.places[rate])
@@ -220,7 +220,7 @@ class LoopedJet(LoopJet):
                 target[i] = self.share(source[i])
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of chunks at the present order."""
+        """Compute the coefficients of chunks at the present order."""
         for chunk in chunks:
             if chunk.op == "constant":
                 self.clear(self.part_of("now", self.image.places[chunk.whole]), len(chunk.values))
@@ -242,7 +242,7 @@ class LoopedJet(LoopJet):
         return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
 
     def combine(self, chunk: Chunk) -> None:
-        """Build a chunk of linear combinations value by value: gathering their terms to vectors costs more."""
+        """Compute a chunk of linear combinations value by value: gathering their terms to vectors costs more."""
         begin = self.image.places[chunk.whole]
         target = self.array_of(begin)
         known: dict[int, Term] = {}
@@ -269,7 +269,7 @@ class LoopedJet(LoopJet):
             self.copy_run(home, place + lane, count)
 
     def copy_run(self, home: int, place: int, count: int) -> None:
-        """Copy a run of adjacent values to index `home`, or write a zero there."""
+        """Copy `count` adjacent values from index `home` to index `place`; for `NOWHERE` as home write a zero."""
         if home == NOWHERE:
             self.array_of(place)[place] = 0.0
         elif count < SHORTEST_RUN:
@@ -279,7 +279,7 @@ class LoopedJet(LoopJet):
             self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
+        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
         depth, begin = self.program.depth, 0
         self.current = {
             operand: None
@@ -295,7 +295,7 @@ class LoopedJet(LoopJet):
             begin += chunk.count
 
     def solved_in_memory(self, place: int, stage: PackedStage, guess: Memory | None) -> Memory:
-        """Return the unknowns of a stage, as a correction of a guess, in memory."""
+        """Return memory with the unknowns of stage number `place`: the solution of its system, plus `guess` if any."""
         p, (right, solution, inverse) = self.p, self.solutions[place]
         begin = 0
         for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
@@ -316,7 +316,10 @@ class LoopedJet(LoopJet):
         return solution
 
     def right_side(self, chunk: Chunk, force: Operand | None, momentum: Operand | None, right: Memory) -> None:
-        """Write the right-hand side of a stage, f[k-1] scale / k - p^[k]."""
+        """Write the right-hand side of a stage for one chunk of unknowns, f[k-1] * scale / k - p^[k].
+
+        `force` is the operand f, and `momentum` the operand p^, the momentum with trial values. None means zero.
+        """
         places = self.image.places
         if momentum is not None:
             self.gather(momentum)

@@ -99,7 +99,7 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return the procedure that writes the hoisted results of order 0 to the array with all other numbers."""
+        """Return the procedure `name`, which writes the hoisted results of order 0 to the prepared array."""
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
         table = [self.constant(held, place) for place in range(len(self.program.numbers))]
@@ -111,7 +111,7 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
-        """Return constants of the table, given by their indices, as a vector."""
+        """Return the constants of the table with the indices `places` as one vector."""
         if places in self.vectors:
             return prepared.entries(self.begin + self.vectors[places], len(places))
         return joined(prepared.builder, [(constants[place], 0) for place in places])
@@ -123,7 +123,7 @@ class SeriesNumbers:
         return found
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield the inverse of each stage's constant matrix, or None for a matrix that moves."""
+        """Yield for each stage the inverse of its constant matrix, or None for a matrix that depends on the state."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -156,7 +156,8 @@ class Start(Body):
     ) -> None:
         """Begin before any instruction.
 
-        The arguments are those of `Body`; `padded` reals after the state are its rounding error.
+        `prepared` has parameters and prepared numbers, and `constants` are the constants of the table. `time`, `state`
+        and `style` are those of `Body`. The rounding error of the state begins at index `padded` of its array.
         """
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
@@ -198,7 +199,7 @@ class Start(Body):
                         self.values[place] = found.permuted(lane)
 
     def loaded(self, ref: int) -> None:
-        """Read an input or a prepared result, unless it has been read."""
+        """Read the result of instruction `ref` from the inputs, unless it has been read or has to be computed."""
         one = self.program.instructions[ref]
         if one.op == "parameter" and one.place >= self.count:
             self.values[ref] = self.constants[one.place - self.count]

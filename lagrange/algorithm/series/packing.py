@@ -51,18 +51,18 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return the parts of the rules that read a value, each with the argument number.
+        """Return sorted pairs (part of a reader, number of the argument) for the rules that read a value.
 
-        `readers` are pairs (value, argument).
+        `readers` are pairs (value that a rule computes, number of the argument).
         """
         return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
 
     def made_of(self, i: int) -> Any:
-        """Return the parts of the arguments of a value."""
+        """Return the parts that contain the arguments of value number i, sorted."""
         return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
 
     def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
-        """Divide a group by keys, unless that takes too many vectors. Return True if it was divided."""
+        """Divide a group by the keys of its values, unless that takes too many vectors; return True if divided."""
         found: dict[Any, list[int]] = {}
         for i in members:
             found.setdefault(keys[i], []).append(i)
@@ -84,7 +84,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Operand:
-    """A vector of values. If `ranked`, their coefficients are multiplied by the order, j x[j]."""
+    """A vector of values that rules read. If `ranked`, the coefficient x[j] of order j is multiplied by j."""
 
     values: tuple[int, ...]
     ranked: bool = False
@@ -128,9 +128,10 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PackedStage:
-    """A stage as chunks: its unknowns; the chunks computed with trial values of zero; the chunks computed after it.
+    """A stage, a linear system A x[k] = right[k-1] / k - left[k], as chunks.
 
-    `left` and `right` are the operands of each chunk of unknowns, None if all entries are zero.
+    `unknowns` are its unknowns. The chunks `trial` are computed with trial values of the unknowns, and `found` after
+    the solution. `left` and `right` have an operand for each chunk of unknowns, or None if all entries are zero.
     """
 
     unknowns: tuple[Chunk, ...]
@@ -150,7 +151,7 @@ class PackedStage:
 
 @dataclass(frozen=True)
 class Packing:
-    """A series program as chunks, each part in the order of evaluation. `rates` are those of dq/dt.
+    """A series program as chunks, each part in the order of evaluation. `rates` are the operands of dq/dt.
 
     Chunks are vectors of up to `lanes` values. With one lane they have any length, and are computed value by value.
     """
@@ -245,7 +246,10 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
-    """Return the groups of values that become vectors, in the order of their evaluation."""
+    """Return the groups of values that become vectors, in the order of their evaluation.
+
+    `level` has for each value its pair of `levels`.
+    """
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
     for i in sorted({*program.before}.union(*trials, *founds)):
@@ -261,7 +265,10 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
-    """Return the operand of each chunk of unknowns of a stage, or None if all its outputs are None."""
+    """Return the operand for each chunk of unknowns of a stage, or None if all its outputs are zero.
+
+    `outputs` are the values `left` or `right` of the stage, one for each unknown, None for zero.
+    """
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
     return tuple(
@@ -326,13 +333,13 @@ class _Packer:
         return found
 
     def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
-        """Return values with one rule, sorted by the positions of their operands."""
+        """Return the values `members`, which have one rule, sorted by the positions of their operands."""
         readers = {} if self.alignment is None else self.alignment.reader
         key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
-        """Append values to the packed values."""
+        """Record the positions of the values `members` after those of the values packed so far."""
         for value in members:
             self.position[value] = len(self.position)
 
@@ -355,7 +362,7 @@ class _Packer:
         return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
-        """Return the rule with exchangeable arguments in a fixed order: the one that is computed last comes first."""
+        """Return the rule with exchangeable arguments in a fixed order: for a product the last computed comes first."""
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":
@@ -370,11 +377,11 @@ class _Packer:
 
 
 def levels(program: SeriesProgram) -> list[tuple[int, int]]:
-    """Return for each value the level at which it can be computed, as a pair of counts.
+    """Return for each value its level, a pair of counts; values of one level can be computed together.
 
-    They are the numbers of sums over lower orders, and then of other values, that come before it. A sum waits for all
-    combinations before it. So sums of one kind become one vector, whatever the length of the chains of combinations.
-    Velocities are last.
+    The first count is the length of the chain of values with sums over lower orders that end at the value. The second
+    is the number of linear combinations since the last of them. So sums of one kind become one vector, whatever the
+    length of the chains of combinations. Unknowns are last.
     """
     found: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):

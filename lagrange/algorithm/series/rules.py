@@ -19,7 +19,11 @@ OWN = -1
 
 
 class At(Protocol):
-    """Source of a rule's inputs at one order k. `which` is the number of an argument, of a sum or of a coefficient."""
+    """Source of the inputs of a rule at one order k.
+
+    `which` is the number of an argument, of a sum or of a coefficient of the rule. For an argument, `OWN` stands for
+    the value that the rule computes.
+    """
 
     p: Builder
     chunk: Chunk
@@ -34,7 +38,7 @@ class At(Protocol):
         """Return argument `which` at order 0, or the value itself for OWN."""
 
     def total(self, which: int) -> Term:
-        """Return sum number `which` over 0 < j < k, in the order of `Chunk.sums`."""
+        """Return sum number `which` of `Chunk.sums`, a sum of x[j] y[k-j] over 0 < j < k."""
 
     def over(self, which: int) -> Term:
         """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
@@ -46,7 +50,7 @@ class At(Protocol):
         """Return coefficient `which` of the rule."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
 
     def part(self, x: Term) -> Term:
         """Return x / k, where k is the order."""
@@ -56,7 +60,7 @@ class At(Protocol):
 
 
 def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
-    """Return a b + total."""
+    """Return a * b + total."""
     if a is None or b is None:
         return total
     return a * b if total is None else p.fma(a, b, total)
@@ -129,7 +133,7 @@ def _inverse(at: At) -> Term:
 
 
 def _divided(at: At, left: Term, which: int) -> Term:
-    """Return (left - b[k] u[0]) / b[0], where b is argument `which` and u the value."""
+    """Return the coefficient u[k] = (left - b[k] * u[0]) / b[0] of a value u, where b is argument `which`."""
     last = at.now(which)
     if last is not None:
         left = fma(at.p, -last, at.first(OWN), left)
@@ -143,9 +147,9 @@ def _sqrt(at: At) -> Term:
 
 
 def _flat(at: At, zeroed: Term, found: Term) -> Term:
-    """Return the coefficient `found` of a root.
+    """Return the coefficient of a root or power: `found` if `zeroed`, a value at order 0, is not zero.
 
-    If the root is zero at order 0, the coefficient is 0 while the argument stays zero, else NaN.
+    If it is zero, the coefficient is 0 while the argument stays zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -156,7 +160,7 @@ def _flat(at: At, zeroed: Term, found: Term) -> Term:
 def _power(at: At) -> Term:
     """Return the coefficient of u = a**e at order k.
 
-    a[0] u[k] = (e + 1) / k sum of j a[j] u[k-j] - sum of a[j] u[k-j] + e a[k] u[0].
+    a[0] u[k] = (e + 1) / k * (sum of j a[j] u[k-j]) - (sum of a[j] u[k-j]) + e a[k] u[0].
     """
     known = at.known(0)
     exponent = at.constant(0)

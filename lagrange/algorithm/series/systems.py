@@ -28,10 +28,13 @@ Rows = Sequence[Sequence[int]]
 
 
 class LinearSystem(Protocol):
-    """A matrix that is inverted or factored, to solve for one right-hand side after another."""
+    """A linear system whose matrix is inverted or factored; right-hand sides follow one after another.
+
+    The unknowns are in vectors. `rows` has for each vector the indices of its unknowns, by lane.
+    """
 
     def read(self, rows: Rows) -> None:
-        """Gather the numbers that solves read to vectors, before the loop over orders."""
+        """Gather the entries that solves read to vectors, before the loop over orders."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution as one vector for each entry of `rows`, for a right-hand side in the same form."""
@@ -45,7 +48,7 @@ ALL = 1_000_000
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
-    """Return the number of doubles that a moving matrix takes in memory.
+    """Return the number of doubles that a matrix that depends on the state takes in memory.
 
     Inverses up to the size `largest` take none.
     """
@@ -60,7 +63,10 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
 def moving_system(
     p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
 ) -> tuple[LinearSystem, list[Flag]]:
-    """Return a system from the entries of its lower triangle, and the flags that the matrix is singular."""
+    """Return the system of a matrix that depends on the state, and the flags that its blocks are singular.
+
+    `entries` are those of its lower triangle. Inverses up to the size `largest` are written out; others are in memory.
+    """
     blocks = _triangles(plan, entries)
     if plan.diagonal:
         pairs = [(block[0], lower[0, 0]) for block, lower in blocks]
@@ -87,7 +93,7 @@ def constant_size(plan: SolvePlan) -> int:
 
 
 def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
-    """Write the inverse of a constant matrix by columns, or of its diagonal. Return the flags that it is singular."""
+    """Write the inverse of a constant matrix by columns, or of its diagonal. Return flags that are true if singular."""
     blocks, n = _triangles(plan, entries), plan.size
     if plan.diagonal:
         for block, lower in blocks:
@@ -111,7 +117,7 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem
 
 
 def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
-    """Return the entries of vectors as single values, in the order of the rows."""
+    """Return the entries of the vectors `right` as single values, in the order of the unknowns."""
     found = {}
     for chunk, x in zip(rows, right, strict=True):
         for lane, row in enumerate(chunk):
@@ -121,13 +127,13 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
-    """Return a vector from single values in memory; the last one is repeated in the remaining entries."""
+    """Return the vector x with its last distinct entry repeated in the lanes of `chunk` that repeat an unknown."""
     last = len(dict.fromkeys(chunk)) - 1
     return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
 
 
 def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
-    """Return single values as vectors, one for each entry of `rows`."""
+    """Return the values x of single unknowns as vectors, one for each entry of `rows`."""
     return [joined(p, [(x[row], 0) for row in chunk]) for chunk in rows]
 
 
@@ -197,7 +203,7 @@ class InverseInMemory:
         return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
 
     def in_line(self, rows: Rows, right: Memory) -> list[Term]:
-        """Return the products with vectors of the columns, written out, each as the sum of two partial sums."""
+        """Return the product of inverse and right-hand side, written out, each vector as two partial sums."""
         sums: list[list[Term]] = [[None, None] for _ in rows]
         for j in range(self.size):
             x = right[j]
@@ -206,7 +212,7 @@ class InverseInMemory:
         return [plus(*two) for two in sums]
 
     def in_loop(self, rows: Rows, right: Memory) -> list[Term]:
-        """Return the products with vectors of the columns, in a loop."""
+        """Return the product of inverse and right-hand side, computed in a loop over columns."""
         p = self.p
         sums = [p.variable(wide(p, None, len(chunk))) for chunk in rows]
         with p.loop(0, self.size) as j:

@@ -32,10 +32,10 @@ class OperandSource(Protocol):
         """Return the reciprocal of an operand at order 0."""
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return coefficients of the table, given by their indices, as one number or vector."""
+        """Return the constants of the table with the indices `places`, as one number or vector."""
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
 
     def part(self, x: Term) -> Term:
         """Return x / k, where k is the order."""
@@ -81,7 +81,7 @@ class ChunkAt:
         return self.series.constant(self.chunk.coefficients[which])
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
         return self.series.share(x)
 
     def part(self, x: Term) -> Term:

@@ -92,9 +92,10 @@ TILE = 24
 
 
 class OrderSum(NamedTuple):
-    """Adjacent sums: the index of their totals, and their factors in the order of reading.
+    """A vector of sums of x[j] y[k-j], whose totals are adjacent from index `place` on.
 
-    The second factor is common.
+    `pair` are the factors (x, y) in their given order. They are read from rows as `lower` at order j and as `upper` at
+    order k - j. Sums with the same `upper` factor are adjacent and read it once.
     """
 
     place: int
@@ -104,14 +105,14 @@ class OrderSum(NamedTuple):
 
     @property
     def lanes(self) -> int:
-        """Number of adjacent sums."""
+        """Number of sums in the vector."""
         return len(self.lower.values)
 
 
 class OrderSums:
-    """Builds the sums over lower orders that an order needs, from the rows of coefficients.
+    """Builds the sums of x[j] y[k-j] over 0 < j < k that an order k needs, from the rows of coefficients.
 
-    `places` are the indices of the factors in a row.
+    `pairs` are the factors (x, y), and `places` are the indices of the factors in a row. Rows are `width` reals apart.
     """
 
     def __init__(
@@ -131,7 +132,7 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Return the sums of an order. Those of the previous order must have been built."""
+        """Return the sums of order k. The sums of order k - 1 must have been built."""
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
@@ -185,18 +186,18 @@ class OrderSums:
         return ((one.pair, total.value) for one, total in zip(sums, found, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
-        """Return the common factors of sums, read from a row."""
+        """Return the coefficients of the factors `upper` of `sums`, read from a row, each once."""
         return {kept: self.read(row, kept) for kept in dict.fromkeys(one.upper for one in sums)}
 
     def add(
         self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
     ) -> None:
-        """Add the products of one pair of rows to the totals of sums."""
+        """Add the products of the factors `lower`, read from a row, and `factors` to the totals of sums."""
         for one, total in zip(sums, totals, strict=True):
             total.value = self.p.fma(self.read(row, one.lower), factors[one.upper], total.value)
 
     def read(self, row: Memory, kept: Operand) -> Term:
-        """Return an operand, read from a row."""
+        """Return the coefficients of the operand `kept`, read from a row."""
         return entries(row, self.places[kept], len(kept.values))
 
     def row(self, order: Whole | int) -> Memory:

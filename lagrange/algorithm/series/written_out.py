@@ -67,7 +67,7 @@ class WrittenJet(JetBuilder):
         return self.p.finish(FLAG)
 
     def add_order(self, k: int) -> None:
-        """Build the coefficients of an order. The highest order ends with its row."""
+        """Compute the coefficients of order k. The highest order ends with its row."""
         packing, self.k = self.packing, k
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
             self.x[chunk, k] = self.share(self.before(rate))
@@ -96,7 +96,7 @@ class WrittenJet(JetBuilder):
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of stage `place`. Drop operands that were gathered with trial values of these unknowns."""
+        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
         depth = self.program.depth
         for key in [key for key in self.operands if key[1] == self.k]:
             if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
@@ -105,7 +105,7 @@ class WrittenJet(JetBuilder):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Build the coefficients of chunks at the present order."""
+        """Compute the coefficients of chunks at the present order."""
         for chunk in chunks:
             self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
 
@@ -153,7 +153,7 @@ class WrittenJet(JetBuilder):
         return self.reciprocals[operand]
 
     def share(self, x: Term) -> Term:
-        """Return x scale / k. The order is k; time is in units of `scale`."""
+        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
         if x is None:
             return None
         high, low = reciprocal(self.k)
@@ -185,7 +185,7 @@ class _WrittenAt(ChunkAt):
     series: WrittenJet
 
     def total(self, which: int) -> Term:
-        """Return sum number `which` over 0 < j < k, from the oldest coefficients on. It is built once at each order."""
+        """Return sum number `which` of the rule, of x[j] y[k-j] over 0 < j < k. It is built once at each order."""
         key = self.chunk, which, self.series.k
         if key not in self.series.totals:
             self.series.totals[key] = self.summed(*self.chunk.sums[which])
@@ -203,7 +203,7 @@ class _WrittenAt(ChunkAt):
         return fma(p, middle, middle, total) if k % 2 == 0 else total
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
-        """Return the sum of a[j] b[k-j] over the orders j in `pairs`, in parts of `PART` products."""
+        """Return the sum of a[j] * b[k-j] over the orders j in `pairs`, as partial sums of `PART` products."""
         k, p = self.series.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
