@@ -110,9 +110,10 @@ def begin(given: Running, distance: float, direction: float, layout: Layout, con
 
 @inline
 def growth(factor: float, previous: float, is_retry: bool, control: Control) -> float:
-    """Return the factor of the step length after an accepted step: the given `factor`, within bounds.
+    """Return the factor by which the step length changes after an accepted step: `factor`, within bounds.
 
-    `previous` is the error norm of the previous step. A step that has just been rejected is not made longer.
+    `factor` follows from the error norm of the step, and `previous` is the error norm of the step before. After a
+    rejection (`is_retry`) the step is not made longer.
     """
     longer = factor * previous**control.memory if control.memory else factor
     longer = larger(smaller(longer, 1.0 if is_retry else control.most), control.least)
@@ -127,7 +128,8 @@ def project_within_tolerance(
 ) -> tuple[Outcome, bool]:
     """Project the trial state onto the constraints. Return an outcome, and True if the state has moved.
 
-    The outcome is STEP_TOO_SMALL if the displacement is too large for the tolerance of the step.
+    `after` is the time at the end of the step. The outcome is STEP_TOO_SMALL if the displacement is too large for the
+    tolerance of the step.
     """
     outcome, moved = project_new_state(given, after, entries, layout)
     correction = 0.0
@@ -141,7 +143,7 @@ def project_within_tolerance(
 
 @inline
 def accept(given: Running, norm: float, h: float, layout: Layout) -> None:
-    """Store the error norm of the accepted step, and the length of the next one. Raise the floors."""
+    """Store the error norm of the accepted step, and the length h of the next one. Raise the floors."""
     given.run.previous = larger(norm, LEAST_PREVIOUS)
     given.run.h = h
     given.counts.after_reject = 0

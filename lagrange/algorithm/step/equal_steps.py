@@ -49,7 +49,7 @@ def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: L
 
 @inline
 def discard_history(given: Running, layout: Layout) -> None:
-    """Clear the data of previous steps if they belong to another run. A starter rebuilds its data at every step."""
+    """Clear the data of previous steps if they belong to another run. The starter keeps no data between steps."""
     if layout.keeps_history:
         work = given.work
         if given.counts.kept == 0:
@@ -80,7 +80,7 @@ def clear(newton: Newton) -> None:
 
 @inline
 def kept_entries(given: Running, layout: Layout) -> Out | None:
-    """Return an array with the entries of the state, if they are kept in registers; else None."""
+    """Return a local array with the entries of the state, if the layout keeps them in registers; else None."""
     if not layout.keeps_entries:
         return None
     entries = reals(2 * layout.dimension)

@@ -46,18 +46,19 @@ def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
 
 @inline
 def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ...]:
-    """Return the error vectors of a state vector: one, or two for the norm of DOP853."""
+    """Return the error vectors of state vector number `state`: one, or two for the norm of DOP853."""
     step = layout.step
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
 
 @procedure(apart=True, given=running)
 def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Reject a step and shorten it; return True if the sizes of the entries must be estimated.
+    """Reject a step; return True if the sizes of the entries must be estimated.
 
-    They are needed after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
-    state, an entry that stayed zero does not count. They are also needed at the first, second, fourth, eighth, ...
-    rejection if the entry with the largest error may be the rounding of larger entries, as defined at `ROUNDED`.
+    `cause` is the `Outcome` of the trial, and `h` the shorter length of the next one. Sizes are needed after several
+    consecutive rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero
+    does not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry with the
+    largest error may be the rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = given.run, given.counts, given.floors, given.work
     run.cause = cause
@@ -84,7 +85,7 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Return True if the largest error of a trial is that of an entry that may be rounding, as defined at `ROUNDED`."""
+    """Return True if the entry with the largest error of a trial may be rounding, as defined at `ROUNDED`."""
     states, half = layout.step.states, layout.dimension // 2
     rounded, others = 0.0, 0.0
     # Coordinates and velocities have different units.

@@ -125,7 +125,10 @@ def size(y: In, floors: In, rtol: float, i: int) -> float:
 
 @inline
 def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
-    """Return the rate (1 / time) that determines the trial length, from accelerations alone."""
+    """Return the rate (1 / time) that determines the trial length, from accelerations alone.
+
+    The first `half` entries of the state are coordinates, the others velocities.
+    """
     rate = 0.0
     for i in range(half):
         force, place, speed = abs(slope[i + half]), size(y, floors, rtol, i), size(y, floors, rtol, i + half)
@@ -136,7 +139,10 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
 
 @inline
 def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
-    """Set the floors of entries that are zero to their change over a step of length h, by their slopes."""
+    """Raise the floors of entries that are zero to a fraction of their change over a step of length h.
+
+    The change follows from the slope at the start, or `longer` trial steps later if that slope is zero.
+    """
     work, floors = given.work, given.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
     factor = larger(given.run.share, LEAST_FIRST) * h
@@ -150,7 +156,11 @@ def first_floors(given: Running, h: float, longer: float, layout: Layout) -> Non
 
 @inline
 def noise_floors(floors: Out, sensitivity: In, period: float, half: int) -> None:
-    """Raise the floors above the rounding of accelerations that cancel, over a period."""
+    """Raise the floors above the effect, over a `period`, of rounding errors of accelerations whose terms cancel.
+
+    `sensitivity` has the changes of such accelerations under a relative change of the state, zero for all others. The
+    first `half` floors are those of coordinates.
+    """
     for i in range(half):
         below = i + half
         noise = period * SLOPE_NOISE * sensitivity[below]

@@ -81,7 +81,7 @@ def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: 
 
 @inline
 def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
-    """Return True if a state is too far from the constraints: its projection would start another motion."""
+    """Return True if a state is too far from the constraints, so that its projection would start another motion."""
     return of.projection is not None and not starts_on_constraints(
         of.projection, p, t, y, dimension=n, relations=relations
     )

@@ -31,7 +31,7 @@ class Effort:
 
 @record
 class Newton:
-    """The state of a solve, kept from step to step."""
+    """State of Newton's method for one solve, kept from step to step."""
 
     matrix_step: float
     """Length of the steps for which its matrix was built; 0 if the next step builds a new one."""
@@ -76,8 +76,8 @@ def work_array(layout: Layout) -> Array:
 class Layout:
     """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
 
-    A step is `alone` if it is not the starter of another step. The numbers of the law are `in_registers` or in arrays.
-    With `projected` the new state is moved onto the constraints before it is accepted.
+    A step is `alone` if it is not the starter of another step. Arguments and results of the law are `in_registers` or
+    in arrays. With `projected` the new state is moved onto the constraints before it is accepted.
     """
 
     def __init__(
@@ -140,9 +140,9 @@ class Layout:
 class SolveLayout:
     """Offsets of the data of one solve in the work array, from `start` on: record, vectors of unknowns, and matrices.
 
-    A vector of unknowns has `count` padded vectors. The matrices are the negative inverse of the Newton matrix and the
-    damping matrices, by columns of that length; the derivative of the law, by columns; and space for a matrix to be
-    inverted, by rows `stride` apart.
+    A vector of unknowns consists of the unknown vectors of the solve, each padded. Three matrices are stored by
+    columns: the negative inverse of the Newton matrix, the damping matrices, and the derivative of the law. Space for a
+    matrix to be inverted follows, by rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
@@ -178,9 +178,9 @@ class SolveLayout:
 class Kept:
     """The data of Newton's method for a solve with m unknown numbers, read from the work array.
 
-    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length `step`; at 0
-    the next step builds a new one. `derivative` is that of the law, by results and arguments. `dampers` are the damping
-    matrices, (2n, 2n) each. `weights` (m,) are those of the corrections.
+    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length `step`; if
+    that is 0, the next step builds a new one. `derivative` is the derivative of the law, (results, arguments).
+    `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are the weights of corrections in their norm.
     """
 
     step: float
@@ -191,7 +191,7 @@ class Kept:
 
 
 def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
-    """Return the data of a solve, read from the work array of its steps."""
+    """Return the data of a solve, read from the work array; `matrix_step` is the step length of its matrix."""
 
     def columns(place: int, vectors: int) -> NDArray[np.float64]:
         """Return the square matrix that is stored from `place` on, by columns of `vectors` padded vectors."""

@@ -32,7 +32,8 @@ def rows_array(layout: Layout) -> Array:
 def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout) -> Outcome:
     """Compute a trial step, and return an outcome.
 
-    `slope_known` is true if the slope at its start is stored already.
+    `slope_known` is true if the slope at the start of the step is stored already. `entries` has the entries of the
+    state and of the new state, if they are kept in registers; else it is None.
     """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
@@ -172,7 +173,10 @@ def project_new_state(given: Running, t: float, entries: Out | None, layout: Lay
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each state vector its index in the state, its offset, and that of its rounding error, if any."""
+    """Return for each new state vector its index in the state, its offset, and the offset of its rounding error.
+
+    The last is None if the rounding error is not stored.
+    """
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
     return [

@@ -53,7 +53,7 @@ def vectors_of(
 
 @inline
 def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
-    """Return the results of a straight-line program of t, h and the ratio of steps."""
+    """Return the results of a straight-line program of the time t, the step length h and the ratio of step lengths."""
     values: list[float] = []
     for one in program.instructions:
         if one.op == "time":
@@ -95,7 +95,7 @@ class StepVectors:
 
     @inline
     def at(self, vector: int) -> Out:
-        """Return the vector with a number."""
+        """Return the vector with the number `vector`."""
         return self.given.work[self.layout.place(vector) :]
 
     @inline
@@ -134,7 +134,11 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law and store its results as vectors. Return True if a matrix is singular, and the results."""
+        """Evaluate the law and store its results as vectors. Return True if a matrix is singular, and the results.
+
+        `registers` are results of earlier calls in registers, by vector. The results are returned in the same form, if
+        the layout keeps them in registers.
+        """
         layout, given, law = self.layout, self.given, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
         if layout.in_registers:
@@ -169,9 +173,9 @@ class StepVectors:
 
     @inline
     def entries(self, combination: Combination, registers: Registers) -> Sequence[float]:
-        """Return the entries of a combination.
+        """Return the entries of a combination; `registers` are the vectors that are in registers.
 
-        The vector that was computed last is added last, so that no addition waits for a value that it does not need.
+        The vector that was computed last is added last: the other terms need not wait for it.
         """
         step = self.layout.step
         present = [] if step.exact else [term for term in combination if term[0] in registers]

@@ -37,9 +37,10 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, magn
 
 @procedure(weights=weights_type, work=work_type)
 def defect_is_small(length: float, order: int, first: int, weights: In, work: Out, *, layout: TaylorLayout) -> bool:
-    """Return True if the stored derivative agrees with the first coefficients of rows, within the bound of the defect.
+    """Return True if the stored derivative at the end of a step agrees with that of a new series, within the bound.
 
-    `length` is the length of the step in units of the scale.
+    The coefficients of order 1 of the new series begin at index `first` of the work array. `length` is the length of
+    the step in units of the scale.
     """
     begin = layout.moving
     rows, slopes = work[first:][begin:], work[layout.slope + begin :]
@@ -177,10 +178,10 @@ def verified_step(
     work: Out,
     order: int,
 ) -> tuple[float, int]:
-    """Halve a step until the series of all watched functions agree with the functions at its end.
+    """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
-    Returns the length, and the index of the first function that disagreed on the last step that was halved, or -1. At x
-    = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
+    Returns the new length, and the index of the first function that disagreed on the last step that was halved, or -1.
+    Example: at x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1

@@ -89,7 +89,7 @@ def event_noise(
 
 @inline
 def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any) -> None:
-    """Write the noise of watched functions to the scratch memory, from their values there."""
+    """Write the noise of the watched functions to the scratch memory, which has their values at the `state`."""
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
     sizes, moved = (layout.dimension, layout.watched), moved_state(watched, layout)
     event_noise(watched.values, numbers, watched.tilts, t, *sizes, state, values, noise, moved)
@@ -97,9 +97,10 @@ def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any)
 
 @procedure(apart=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the part of a step of length s on which a series is accurate or only noise; s if the series terminates.
+    """Return the length, up to s, of the part of a step on which a series is accurate or its error is below noise.
 
-    The truncation error of an expression's series may exceed that of the state: it is a sum of products.
+    It is s if the series terminates. The truncation error of the series of an expression may exceed that of the state:
+    it is a sum of products.
     """
     far, ratio, tries = s, math.inf, 0
     share, middle = -1.0 / float(count - 1), quotient(count - 1, 2)
@@ -122,7 +123,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
 
 @procedure(apart=True)
 def safe_step(c: In, count: int) -> float:
-    """Return the longest safe step: within the radius of convergence that the last coefficients of a series show."""
+    """Return the longest safe step: within the radius of convergence, as the last coefficients of a series show it."""
     radius = larger(shown_radius(c, count - 2), shown_radius(c, count - 1))
     return radius * math.pow(2.0, RADIUS_FRACTION)
 
@@ -160,9 +161,10 @@ def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
 
 @inline
 def is_linear(start: float, end: float, sizes: float, rest: float, noise: float) -> bool:
-    """Return True if a linear part with these values at the ends exceeds the `rest` of a series.
+    """Return True if the linear part of a series exceeds the `rest` of the series, hence keeps its sign.
 
-    `sizes` is the sum of magnitudes of its terms. Between the ends the linear part is between its values there.
+    `start` and `end` are the values of the linear part at the ends of a step; between the ends it is between them.
+    `sizes` is the sum of magnitudes of all terms of the series.
     """
     least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
@@ -196,11 +198,10 @@ def vanishes(c: In, count: int, s: float, noise: float) -> bool:
 
 @procedure
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
-    """Return the sign with which a watched function leaves zero at a start, and the order that decides it.
+    """Return the sign with which a watched function leaves zero at a start, and the order of the term with that sign.
 
-    The order is 0 if the function is not zero at its start, within its `margin` and the rounding of its terms over a
-    comparable time. Otherwise it is the order of the first term that decides, whose sign is returned. It is -1 if no
-    term decides.
+    The order is 0 if the function is not zero at the start: beyond its `margin` and the rounding of its terms over the
+    time `unit`. It is -1, with sign 0, if all terms are rounding.
     """
     far = reach(c, count, unit, tolerance, noise)
     near = reals(MOST_COEFFICIENTS)
@@ -253,7 +254,10 @@ class TermSums:
 
 @inline
 def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
-    """Return sums that begin with a term."""
+    """Return sums whose next term has the order `number` and is multiplied by `power`, the step to that order.
+
+    `end` and `slope` are the values with which the sums of terms, and of terms times their orders, begin.
+    """
     sums = TermSums()
     sums.number = number
     sums.power = power
@@ -264,7 +268,10 @@ def begin_sums(number: float, power: float, end: float, slope: float) -> TermSum
 
 @inline
 def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, float]:
-    """Add the next term. Return the term, and the term times its order."""
+    """Add the next term, which has a `coefficient`. Return the term, and the term times its order.
+
+    `square` is the square of the length of the step.
+    """
     term = coefficient * sums.power
     rate = sums.number * term
     sums.rest += abs(term)
@@ -319,7 +326,7 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 
 @procedure
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
-    """Return the only point between 0 and 1 at which a polynomial with these terms reaches a sign."""
+    """Return the only point between 0 and 1 at which the polynomial with coefficients `terms` reaches `sign`."""
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
     return approach(terms, slopes, count, 0.0, 1.0, inverse_cubic((0.0, 1.0), values, rates), sign)

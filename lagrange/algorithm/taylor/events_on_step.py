@@ -89,7 +89,7 @@ class Zeros:
 
 @inline
 def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
-    """Return list `number`, 0 or 1, of zeros in the scratch memory."""
+    """Return one of the two lists of zeros in the scratch memory; `number` is 0 or 1."""
     times = real_part(watched, "times", layout, number * MOST_ZEROS)
     places, directions = [whole_part(watched, "zeros", layout, (2 * number + i) * MOST_ZEROS) for i in (0, 1)]
     signs, nears = [whole_part(watched, "ends", layout, 2 * number + i) for i in (0, 1)]
@@ -101,8 +101,9 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
     """Find the zeros of watched functions on a step of length s, in order. Return their number, or -1 on failure.
 
     With `until`, only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The
-    search then ends at twice the time of that zero, at least `SEARCH_MARGIN` of the step after it, where simultaneous
-    zeros are clearly passed. The terms are those on a step of length `whole`.
+    search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step after it if that is later. There,
+    simultaneous zeros are clearly passed. `whole` is the length of the step whose terms are stored. `last` is true if
+    the run ends at the end of the step.
     """
     layout = layout_of(watched.sizes)
     before, came_near = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
@@ -131,10 +132,11 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
 
 @procedure(watched=watched_type)
 def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool, zeros: Zeros, watched: Watched) -> int:
-    """Write the zeros of a watched function up to s, from index `to` on. Return the new number, or -1 on failure.
+    """Write the zeros of watched function i up to s, from index `to` on. Return their number, or -1 on failure.
 
-    The sums of its terms usually decide. Otherwise roots are isolated. A function that starts at zero is divided by
-    time, which removes that root: the next may be close.
+    The sums of the terms of its series usually decide. Otherwise roots are isolated. A function that starts at zero is
+    divided by time, which removes that root: the next one may be close. `whole` is the length of the step whose terms
+    are stored. `last` is true if the run ends at the end of the step.
     """
     layout, order = layout_of(watched.sizes), watched.order
     rows = row(watched.work, 0, layout)[layout.watched_at :]
@@ -182,7 +184,7 @@ GO_ON, LEAVE, WAIT = range(3)
 
 @dataclass(frozen=True)
 class InspectedStep:
-    """A step that is to be inspected."""
+    """A Taylor step whose watched functions are to be searched for zeros."""
 
     t: float
     """The time at which the step begins."""
@@ -208,8 +210,8 @@ class InspectedStep:
 def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Search the zeros of watched functions on a step. Return a decision and the new length.
 
-    Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and the signs at
-    its end are written. Otherwise nothing changes.
+    The decision is `GO_ON`, `LEAVE` or `WAIT`. Only functions with a nonzero entry in `doubtful` are searched. If the
+    step is taken, its events and the signs at its end are written. Otherwise nothing changes.
     """
     layout, watch, work, s = layout_of(watched.sizes), watched.watch, watched.work, step.s
     values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
@@ -241,7 +243,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 @inline
 def verified_length(step: InspectedStep, length: float, watched: Watched, layout: Any) -> float:
-    """Return a length of the step at whose end the series with high powers agree with the watched functions."""
+    """Return a length of the step, at most `length`, at whose end the watched functions agree with their series."""
     noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
     functions = watched.values, own_numbers(watched), watched.tilts
     scratch = noise, there, blur, new_entries(watched, layout), moved_state(watched, layout)
@@ -257,8 +259,9 @@ def end_at_change(
 ) -> tuple[int, float]:
     """End the step at its first change of the motion. Return a decision and the new length.
 
-    On the shorter step more zeros are resolved; these are recorded, and a change may come earlier. The functions that
-    are zero at the end are due. At a change at the start no step is taken.
+    `number` is the number of `zeros` on the step, and `change` the number of the zero that changes the motion. On the
+    shorter step more zeros may be resolved: they are recorded, and one of them may be an earlier change. The functions
+    that are zero at the new end are due. If the change is at the start, no step is taken.
     """
     layout, watch, count, s = layout_of(watched.sizes), watched.watch, number, step.s
     shorter, at, again = zeros_of(watched, 1, layout), zeros.times[change], True
@@ -284,9 +287,10 @@ def end_at_change(
 
 @procedure(watched=watched_type)
 def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
-    """Add functions that are zero near the end `at` of a step to the first `due` ones. Return the new number.
+    """Append functions that are zero near the end `at` of a step to the list of due functions. Return its new length.
 
-    Unless the zeros are `proven`, a function with another time must be zero at the end, within its noise and rounding.
+    `due` is the present length, and `count` the number of `zeros`. Zeros within the time `close` of the end are near.
+    Unless the zeros are `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
     """
     layout = layout_of(watched.sizes)
     places, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
@@ -328,7 +332,11 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
 
 @procedure(watched=watched_type)
 def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
-    """Return the part of a step on which the series of all watched functions are accurate; -1 if not finite."""
+    """Return the length of the part of a step on which the series of watched functions are accurate; -1 if not finite.
+
+    Only functions with a nonzero entry in `doubtful` count. `is_polynomial` is true if the series of the state
+    terminates.
+    """
     layout, order, s = layout_of(watched.sizes), watched.order, step.s
     rows, count, length = row(watched.work, 0, layout)[layout.watched_at :], order + 1, s
     noises, columns = real_part(watched, "noise", layout), real_part(watched, "columns", layout)
@@ -367,7 +375,7 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths. Record the function `which` if its series is accurate only up to `far`."""
+    """Return the smaller of two lengths. If it is `far`, record that function number `which` limits the step."""
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 
@@ -396,7 +404,7 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
 
 @procedure(watched=watched_type)
 def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> int:
-    """Return the number of the first zero before a time that changes the motion, or -1."""
+    """Return the number of the first of `count` zeros that changes the motion and is before a time, or -1."""
     layout = layout_of(watched.sizes)
     seen, counted = whole_part(watched, "seen", layout), side(watched, COUNT, layout)
     if watched.watch.changing == 0:
@@ -438,9 +446,10 @@ def accept(
 ) -> int:
     """Write the events on the step before its `end`, and the sides there; save the sides before the step.
 
-    Events closer to the end than `close` are at the end. A function that is due there has no event just before it: the
-    longer and the shorter step locate one zero at slightly different times. `again` forces an inspection of the next
-    step. The result is a decision.
+    `count` is the number of `zeros`, and `due` the number of functions that are due at the end. Events closer to the
+    end than `close` are at the end. A due function has no event just before the end: the longer and the shorter step
+    locate its zero at slightly different times. `again` forces an inspection of the next step. The result is `GO_ON`,
+    or `LEAVE` or `WAIT` if the arrays have no space.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     if watch.done + count > watch.room:

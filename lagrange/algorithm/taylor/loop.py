@@ -54,7 +54,10 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
 
 @procedure(given=arguments)
 def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
-    """Test the defect of the last step, and take the next one. Return an outcome: PAUSED if the run continues."""
+    """Test the defect of the last step, and take the next one. Return an outcome: PAUSED if the run continues.
+
+    If `last`, no further step is taken. `digits` is minus the binary logarithm of the relative tolerance.
+    """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order = given.work, given.order
     is_there, is_idle = run.t == run.end, held.unproven == 0

@@ -249,7 +249,7 @@ def row(work: Any, k: int, layout: Any) -> Any:
 
 @inline
 def less(order: int, count: int) -> int:
-    """Return the order, which is at least 4, minus `count`, a number known at compile time and at least 1."""
+    """Return order - count. The order is at least 4; `count` is at least 1 and known at compile time."""
     return max(order - count, 1) if count > 1 else order - count
 
 

@@ -48,10 +48,10 @@ def sides_at_start(
 ) -> bool:
     """Determine the sides at the start of a motion, and the functions that start at zero.
 
-    The state there, its compensation and its series are in the work array `there`. The event with index `place` counts
-    as zero up to `margin`. The result is False if the sides are undecided: a series is not finite; that event does not
-    leave zero at once; or another function starts at zero. At the start of a run `place` is -1, and an event without
-    reset may start at zero.
+    The state at the start, its compensation and its series are in the work array `there`. The watched function with
+    index `place`, which changed the motion, counts as zero up to `margin`. The result is False if the sides are
+    undecided: a series is not finite; that function does not leave zero at once; or another one starts at zero. At the
+    start of a run `place` is -1, and an event without reset may start at zero.
     """
     layout, count = layout_of(watched.sizes), watched.order + 1
     series = there[layout.rows :]
@@ -99,7 +99,7 @@ def put_sides(watched: Watched, layout: Any) -> None:
 
 @inline
 def just_changed(t: float, watch: Watch) -> bool:
-    """Return True if the motion has just changed. Such changes may accumulate: the caller handles them."""
+    """Return True if the motion changed just before time t. Such changes may accumulate: the caller handles them."""
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
 
@@ -116,7 +116,7 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply a reset that alone is due at the state, if the motion then leaves zero at once.
+    """Apply the only reset that is due at the state, if the event function then leaves zero at once.
 
     Returns True if the reset was applied. Otherwise nothing has changed.
     """
@@ -170,8 +170,9 @@ def reset_state(
 def sides_after_reset(t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched) -> bool:
     """Determine the sides after a reset by the event with index `place`, the only one that may start at zero there.
 
-    An event that the reset leaves unchanged keeps its side: `lagrange.trajectory.events.motion_start` states the rule.
-    An event that came near zero may have touched it: then the result is False, and the caller handles the reset.
+    An event function that the reset does not change keeps its side, as in
+    `lagrange.trajectory.events.motion_start.sides_behind`. An event function that came near zero may have touched zero:
+    then the result is False, and the caller handles the reset.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     new, old = [memory[layout.rows :][layout.watched_at :] for memory in (there, watched.work)]
@@ -203,9 +204,9 @@ def cross_surface(
     taylor: TaylorState,
     watched: Watched,
 ) -> bool:
-    """Cross a surface that alone is due at the state, if the motion leaves it at once and touches no other surface.
+    """Cross the only surface that is due at the state, if the motion leaves it at once and touches no other surface.
 
-    Returns True if it was crossed. Otherwise nothing has changed.
+    Returns True if the surface was crossed. Otherwise nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):

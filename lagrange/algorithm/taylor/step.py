@@ -104,8 +104,9 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
 def length_of_step(
     given: Arguments, t: float, scale: float, left: float, exponent: float
 ) -> tuple[float, float, bool, bool]:
-    """Return the step in units of the scale, its binary exponent rounded, and flags: is it the last, is it too small.
+    """Return the step in units of the scale, its rounded binary exponent, and two flags: last step, and too small.
 
+    `left` is the time to the end of the run, and `exponent` the binary logarithm of the step that the series allows.
     Operations without the coefficients come first: processors run them before the last coefficient is available.
     """
     run, taylor = given.run, given.taylor
@@ -125,8 +126,8 @@ def length_of_step(
 def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
     """Return True if the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-    A series that terminates fits if the scale is at least as long as the longest step. After `MOST_RESCALINGS` changes
-    any scale is accepted.
+    `reach` is the binary logarithm of the longest step, in units of the scale. A series that terminates (`is_ending`)
+    fits if the scale is at least about as long as that step. After `MOST_RESCALINGS` changes any scale is accepted.
     """
     tries = given.taylor.rescalings
     is_first = given.counts.steps + tries == 0
@@ -175,7 +176,10 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 
 @inline
 def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
-    """Search the step for zeros. Return DONE and its new length in units of the scale, or why it is not taken."""
+    """Search the step for zeros. Return DONE, or the reason why the step is not taken, and its new length.
+
+    The length is in units of the scale.
+    """
     taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
     is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
@@ -190,7 +194,7 @@ def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: T
 
 @inline
 def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
-    """Advance the time with compensation, and save the start of the step."""
+    """Advance the time t by a step h, with compensation, and save the start of the step; `final` is the last step."""
     run, taylor, held = given.run, given.taylor, given.held
     held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
     held.unproven = 1

@@ -181,19 +181,22 @@ def lesser(a: float, b: float) -> float:
 
 @inline
 def leeway(digits: float, order: int) -> float:
-    """Return the log2 by which the row before the last may exceed its bound, up to its radius at the last order.
+    """Return the binary logarithm of the factor by which the bound from the row before the last may be exceeded.
 
-    It is reduced by GUARD, and zero if the order suits the tolerance.
+    Up to this factor, the step stays within the radius of that row at the last order. The logarithm is reduced by
+    `GUARD`, and is zero if the order suits the tolerance. `digits` is minus the binary logarithm
+    of the tolerance.
     """
     return larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0)
 
 
 @inline
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
-    """Return the bound of the step from an earlier row: its radius, at the last order, plus the margin `GUARD`.
+    """Return the binary logarithm of the step that an earlier row allows, with the margin `GUARD`.
 
-    `sizes` are the binary logarithms of the last rows, by their distance from the last. The bound is infinite for rows
-    below half of the order.
+    `sizes` are the binary logarithms of the last rows, by their distance from the last; `distance` is that of the
+    earlier row. The radius of this row takes the place of that of the last row. The bound is infinite for rows below
+    half of the order.
     """
     share = minus_one_over(less(order, distance))
     bound = fma(digits, minus_one_over(order) - share, sizes[distance] * share) + GUARD
@@ -215,9 +218,10 @@ def radius(sizes: Sequence[float], distance: int, order: int) -> float:
 def bound_by_earlier_rows(
     rtol: float, floors: In, before: float, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the bound of the step from the upper half of the other rows, if the last two rows are zero.
+    """Return the bound of the step from the upper half of the rows, for a series whose last two rows are zero.
 
-    They are zero if the series terminates, or in the gaps of a series in the fourth power of time.
+    The bound is a binary logarithm, at most `before`. The rows are zero if the series terminates, or in the gaps of a
+    series in the fourth power of time.
     """
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)

@@ -92,7 +92,10 @@ def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int
 def top_of_chain(
     work: In, first: int, steps: int, is_longer: bool, fourth: float, i: int, layout: TaylorLayout
 ) -> float:
-    """Return the last coefficient of a partial sum; for a longer one, the last two combined."""
+    """Return the start of Horner's rule for a partial sum: its last coefficient, or the last two combined.
+
+    `first` is the first order of the partial sum, `steps` its number of coefficients, one more if `is_longer`.
+    """
     top, below = row(work, first + 4 * steps, layout)[i], row(work, first + 4 * (steps - 1), layout)[i]
     return fma(top, fourth, below) if is_longer else below
 
@@ -156,7 +159,7 @@ def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequen
 
 @inline
 def outstanding(wanted: In, place: int, end: float, scale: float) -> bool:
-    """Return True if output time number `place` exists and is before the end of a step."""
+    """Return True if output time number `place` exists and is before the time `end`, at which a step ends."""
     return (wanted[place] - end) * scale < 0.0
 
 

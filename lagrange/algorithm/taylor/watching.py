@@ -146,13 +146,17 @@ indices of the functions that are zero at the end of the last step, and the dire
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
-    """Return the numbers of reals and of whole numbers in the scratch memory of procedures."""
+    """Return the lengths of the scratch memory of reals and of that of whole numbers, for `count` watched functions."""
     return count * (sum(REALS.values()) + dimension) + dimension + 4 * WIDEST_VECTOR, count * sum(WHOLES.values())
 
 
 @dataclass(frozen=True)
 class Watched:
-    """The watched functions as arguments of a procedure."""
+    """The watched functions as arguments of a procedure, with the record of the search and its memory.
+
+    `values` evaluates the functions, and `resets` the new entries of all resets; `value_numbers` and `reset_numbers`
+    are their prepared parameters. `tilts` are the factors of a perturbed state.
+    """
 
     watch: Watch
     sizes: Sizes
@@ -196,16 +200,16 @@ def watched_types() -> dict[str, Stated]:
 
 @inline
 def real_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return part `part` of the scratch memory of reals.
+    """Return the part with the name `part` of the scratch memory of reals.
 
-    If it has several entries for each watched function, `number` selects one.
+    If the part has several entries for each watched function, `number` selects one.
     """
     return watched.scratch[layout.watched * (_begin(REALS, part) + number) :]
 
 
 @inline
 def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return part `part` of the scratch memory of whole numbers; `number` selects one of several entries."""
+    """Return the part with the name `part` of the scratch memory of whole numbers, as `real_part` does."""
     return watched.whole_scratch[layout.watched * (_begin(WHOLES, part) + number) :]
 
 
@@ -222,25 +226,31 @@ def new_entries(watched: Watched, layout: Any) -> Any:
 
 
 def due_part(number: int) -> int:
-    """Return the number of entries, for each watched function, before the indices (0) or directions (1) of `due`."""
+    """Return the offset, per watched function, of the list of due functions: 0 for indices, 1 for directions.
+
+    The offset is the number of entries of whole scratch memory before that list.
+    """
     return _begin(WHOLES, "due") + number
 
 
 def _begin(parts: dict[str, int], wanted: str) -> int:
-    """Return the number of entries, for each watched function, before the part `wanted`."""
+    """Return the number of entries per watched function before the part with the name `wanted`."""
     names = list(parts)
     return sum(parts[name] for name in names[: names.index(wanted)])
 
 
 @inline
 def own_numbers(watched: Watched) -> Any:
-    """Return the prepared numbers of the watched functions, for the present sides."""
+    """Return the prepared numbers of the watched functions, for the present sides of the switching surfaces."""
     return watched.value_numbers[watched.watch.numbers :]
 
 
 @inline
 def side(watched: Watched, block: int, layout: Any) -> Any:
-    """Return block `SIGN`, `NEAR`, `STARTING` or `COUNT` of the sides, with an entry for each watched function."""
+    """Return one block of the sides, with an entry for each watched function.
+
+    `block` is `SIGN`, `NEAR`, `STARTING` or `COUNT`.
+    """
     return watched.sides[layout.watched * block :]
 
 
@@ -341,7 +351,7 @@ def watched_of(given: Arguments) -> Any:
 
 @inline
 def numbers_of(given: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
-    """Return the prepared numbers of the series; with switching surfaces those for the present sides."""
+    """Return the prepared numbers and constants of the series, for the present sides of switching surfaces."""
     if given.watched is None or layout.observes:
         return given.prepared, given.constants
     place = given.watched.watch.numbers
