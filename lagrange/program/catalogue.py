@@ -25,11 +25,11 @@ from lagrange.program.program import Program
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that a model evaluates.
+    """A quantity that a model evaluates, such as the right-hand side or the energy.
 
-    `results` returns its nodes by name. `indices` is 0 for a number, 1 for a vector, 2 for a matrix. A matrix has
-    `rows` rows, or is square without `rows`. `inputs` returns the input nodes, except t. `solved` and `returned` have
-    the meaning that they have in `Program`.
+    `results` is a function from the equations to the result nodes, by name. `indices` is 0 for a number, 1 for a
+    vector, 2 for a matrix. A matrix has `rows` rows, or is square without `rows`. `inputs` is a function from the
+    equations to the input nodes, except t. `solved` and `returned` are fields of the `Program`.
     """
 
     results: Callable[[Equations], Named]
@@ -186,5 +186,8 @@ def _lowered(name: str, equations: Equations) -> Program:
 def lower_nodes(
     name: str, nodes: Sequence[Node], equations: Equations, shape: tuple[int, ...] | None = None
 ) -> Program:
-    """Return the program that computes given nodes of the equations' graph from t, q, v and parameters."""
+    """Return the program `name`, which computes nodes of the graph of the equations from t, q, v and parameters.
+
+    The results fill the `shape` in C order, or are a vector if it is None.
+    """
     return lower(name, {name: nodes}, equations.state, equations.time, equations.parameters, shape=shape)

@@ -85,7 +85,7 @@ def projection_program(equations: Equations) -> Program:
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
-    """Return the absolute value of each node, divided by its size."""
+    """Return nodes |value| / size for each of `values` and its size."""
     graph = values[0].graph
     return [graph.call("abs", value) / (size + LEAST_TERM_SIZE) for value, size in zip(values, sizes, strict=True)]
 

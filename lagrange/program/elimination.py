@@ -1,9 +1,9 @@
 """Symbolic elimination of a sparse symmetric matrix: the nonzero entries of L in A = L D L^T.
 
-Pivots are taken in the order of the matrix. That is stable where A is positive definite, and for [[M, G^T], [G, 0]]
-with a definite M as long as no pivot is small against the terms that it is a sum of. Where one is, a solver takes
-pivots by size instead. Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R. J.
-Vanderbei, Symmetric quasidefinite matrices, SIAM J. Optimization 5, 1995.
+Pivots are taken in the order of the matrix. This is stable if A is positive definite. For [[M, G^T], [G, 0]] with a
+definite M it is stable as long as no pivot is small compared with the terms of its sum. If a pivot is small, a solver
+chooses pivots by size instead. Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1;
+R. J. Vanderbei, Symmetric quasidefinite matrices, SIAM J. Optimization 5, 1995.
 """
 
 from __future__ import annotations
@@ -104,12 +104,12 @@ class Elimination:
 
 @lru_cache(maxsize=256)
 def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
-    """Return an elimination. Calls with equal arguments share one object, whose properties are computed once."""
+    """Return the elimination of a matrix of size `order`. Calls with equal arguments return the same object."""
     return Elimination(order, entries, negative)
 
 
 def block_eliminations(plan: SolvePlan) -> list[Elimination]:
-    """Return the elimination of each block of a plan."""
+    """Return the elimination of each diagonal block of the matrix of a solve plan."""
     found = []
     for block in plan.blocks:
         place = {unknown: i for i, unknown in enumerate(block)}
@@ -119,7 +119,7 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return True if a moving matrix is factored for its solves, False if it is inverted.
+    """Return True if a matrix that depends on the state is factored for its solves, False if it is inverted.
 
     Factors are used for matrices with multipliers, which are sparse.
     """

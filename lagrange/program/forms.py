@@ -31,8 +31,8 @@ nothing.
 class Momentum:
     """A momentum as a sum of `terms`, integrals and other momenta, up to a constant.
 
-    `swept` has (c, C, Y) for each integral of c C dY. `inner` has (c, s, node) for c s times the momentum `node`, with
-    constant s.
+    `swept` has (c, C, Y) for each integral of c C dY, with a number c and nodes C and Y. `inner` has (c, s, node) for
+    each term c * s times the momentum `node`, with a number c and a node s that is constant in time.
     """
 
     terms: LinearTerms = ()
@@ -44,7 +44,7 @@ class Momentum:
 class Form:
     """Equations dp/dt = f.
 
-    `momenta` and `forces` are in the order of the coordinates. `parts` maps the node of each momentum to its terms.
+    `momenta` and `forces` are in the order of the coordinates. `parts` maps the node of each momentum to its parts.
     """
 
     momenta: tuple[Node, ...]
@@ -85,9 +85,10 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the nodes that are not expanded.
+    """Return the nodes that are not expanded to sums of products.
 
-    They are sums that are read more than once, and products that are outputs and are read elsewhere.
+    These are nodes other than products that are read more than once, and products that are outputs and are also read
+    elsewhere.
     """
     uses: Counter[Node] = Counter(outputs)
     for node in reachable(outputs):
@@ -98,7 +99,10 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
 
 
 def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
-    """Return a node as an expanded sum of products, or None if it has too many terms. Sums in `whole` are kept."""
+    """Return a node as an expanded sum of products, or None if it has too many terms.
+
+    Nodes in `whole` are not expanded.
+    """
     found: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):
@@ -211,7 +215,7 @@ class _ByParts:
 
 
 def _term(node: Node) -> _Term:
-    """Return a node that is not expanded as one term: its factors and its coefficient."""
+    """Return a node as one term, without expanding it: its factors and its coefficient."""
     coefficient: Exact = 1
     while node.kind is Kind.SUM and _is_scaled(node):
         coefficient, node = coefficient * node.data[1][0], node.args[0]
@@ -221,7 +225,7 @@ def _term(node: Node) -> _Term:
 class _FinishedCoordinates:
     """The coordinates whose equations are finished.
 
-    For each: its force, the slope of its momentum, and the difference of both.
+    Each has its force, the slope of its momentum (the sum of Y dC/dt over terms C Y), and the difference of both.
     """
 
     def __init__(self) -> None:

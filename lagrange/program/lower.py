@@ -90,13 +90,16 @@ class _Lowering:
                 self.done[node] = self.compute(node)
 
     def ref(self, node: Node) -> int:
-        """Return the number of the instruction that computes a node."""
+        """Return the index of the instruction that computes a node; new instructions are emitted if needed."""
         if node not in self.done:
             self.done[node] = self.compute(node)
         return self.done[node]
 
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
-        """Return the number of an instruction. An equal instruction that exists already is reused."""
+        """Return the index of an instruction: that of an equal one if it exists, else of a new one.
+
+        `args` are the indices of its operands, `level` is its least binding time, and `data` are its other fields.
+        """
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
             if not len(self.instructions) % CHECKED_EVERY:
@@ -107,7 +110,10 @@ class _Lowering:
         return self.numbers[instruction]
 
     def constant(self, value: Exact) -> int:
-        """Return the double nearest to an exact constant. Raises StatementError where that is infinite or zero."""
+        """Return the index of the instruction for the double nearest to an exact constant.
+
+        Raises StatementError if that double is infinite, or zero for a constant that is not.
+        """
         try:
             nearest = float(value)
         except OverflowError:
@@ -121,7 +127,7 @@ class _Lowering:
         return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
 
     def compute(self, node: Node) -> int:
-        """Emit the instructions of one node. Those of its arguments exist already."""
+        """Emit the instructions of one node, and return the index of its result. Those of its arguments exist."""
         if node.kind is Kind.CONSTANT:
             return self.constant(node.data)
         if node.kind is Kind.SUM:
@@ -141,7 +147,7 @@ class _Lowering:
         return self.emit(node.kind.value, *args, order=node.data)
 
     def sum(self, node: Node) -> int:
-        """Emit a linear combination. Terms of parameters alone come first."""
+        """Emit a linear combination, and return the index of its result. Terms of parameters alone come first."""
         constant, coefficients = node.data
         terms = sorted(zip(coefficients, node.args, strict=True), key=_term_order)
         total: int | None = None
@@ -155,7 +161,7 @@ class _Lowering:
         return term if total is None else self.emit("add", total, term)
 
     def add_term(self, total: int | None, coefficient: Exact, arg: Node) -> int:
-        """Return the number of total + coefficient * arg."""
+        """Return the index of the result total + coefficient * arg. A total of None is zero."""
         negative = coefficient < 0
         if arg.kind is Kind.PRODUCT and arg not in self.done:
             over, under = _split_factors(arg.args, self.uses)
@@ -171,7 +177,10 @@ class _Lowering:
         return self.emit("sub" if negative else "add", total, value)
 
     def add_product(self, total: int | None, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return the number of total + coefficient * product. The last factor enters by a multiply-add."""
+        """Return the index of the result total + coefficient * product of the factors. A total of None is zero.
+
+        The last factor enters by a multiply-add.
+        """
         *first, last = factors
         if last.binding <= Binding.PARAMETER or total is None:
             value = self.chain(coefficient, factors)
@@ -192,7 +201,7 @@ class _Lowering:
         return self.emit("div", self.chain(coefficient, over), divisor)
 
     def chain(self, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return the number of coefficient * product of the factors.
+        """Return the index of the result coefficient * product of the factors.
 
         The coefficient and parameters are multiplied first.
         """
@@ -213,7 +222,10 @@ class _Lowering:
         return self.emit("neg", value) if negate else value
 
     def power(self, base: int, exponent: Exact) -> int:
-        """Emit base ** exponent: multiplications, square roots and a reciprocal where the exponent allows."""
+        """Emit base ** exponent, where `base` is the index of a result, and return the index of the power.
+
+        Multiplications, square roots and a reciprocal are used where the exponent allows.
+        """
         if exponent < 0:
             return self.emit("div", self.constant(1), self.power(base, -exponent))
         if exponent == Fraction(1, 2):
@@ -244,8 +256,8 @@ class _Lowering:
     def finish(self, outputs: list[int]) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
         """Remove instructions that no output needs, move those of parameters alone to the front, and renumber.
 
-        Inputs that are parameters that change along a motion are read at the front too, but what depends on them is not
-        hoisted. Returns the instructions, the number of hoisted ones, and the outputs.
+        Parameters that change along a motion are read at the front too, but instructions that depend on them are not
+        hoisted. Returns the instructions, the number of hoisted ones, and the new indices of the outputs.
         """
         needed = self.needed(outputs)
         early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
@@ -272,9 +284,9 @@ _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan
 
 
 def _beyond_doubles(value: Exact, what: str) -> StatementError:
-    """Return the error for an exact constant that is infinite or zero as a double.
+    """Return the error for an exact constant that is infinite or zero as a double; `what` says which of the two.
 
-    The constant may be a computed one: x/5e-324 contains 2e323.
+    The user need not have written the constant: x/5e-324 contains 2e323.
     """
     exact = Fraction(value)
     with localcontext(prec=8, Emax=MAX_EMAX, Emin=MIN_EMIN):
@@ -287,9 +299,9 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Return the factors to multiply by, and those to divide by.
+    """Divide factors of a product into multipliers and divisors.
 
-    Divisors come from negative powers of moving bases that are used only here.
+    Divisors come from negative powers that are used only in this product, of bases that are not parameters alone.
     """
     under = [
         node

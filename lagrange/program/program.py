@@ -60,10 +60,10 @@ GIVEN = ("time", "state", "parameter", "constant")
 
 
 class Instruction(NamedTuple):
-    """One operation on earlier results.
+    """One operation `op` on earlier results, whose indices are `args`.
 
     `place` is the index of an input, a parameter or a component; `value` is a constant; `order` is the size of a
-    matrix. `negative` are the indices of its negative pivots; all other pivots are positive.
+    matrix. `negative` are the indices of the negative pivots of that matrix; its other pivots are positive.
     """
 
     op: str
@@ -97,8 +97,8 @@ class Program:
 
     `shape` is the shape of its result, `outputs` its entries in C order. `inputs` are the blocks of numbers that
     "state" instructions read, in order. `results` divides the outputs into blocks. `returned` names the results that a
-    call from a step returns in registers; the caller knows the others already. `solved` is true if a result is divided
-    by the mass matrix: with a zero inertia, results are infinite or NaN.
+    call from a step returns in registers; the caller knows the other results already. `solved` is true if results are
+    solutions of a system with the mass matrix: with a zero inertia they are infinite or NaN.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Program:
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:
-        """Return the instructions that compute the entries of one named result."""
+        """Return the indices of the instructions that compute the entries of the result with a name."""
         place = 0
         for block in self.results:
             if block.name == name:
@@ -140,7 +140,7 @@ class Program:
 
     @cached_property
     def eliminations(self) -> Mapping[int, Elimination]:
-        """Elimination of each "factor" instruction, by its index. Entries that are identically zero are left out."""
+        """Elimination of the matrix of each "factor" instruction, by index, without entries that are always zero."""
         code, found = self.instructions, {}
         for ref, one in enumerate(code):
             if one.op == "factor":
@@ -152,7 +152,7 @@ class Program:
 
     @property
     def saved(self) -> tuple[int, ...]:
-        """Hoisted results that the rest of the program reads, in order, without constants and parameters.
+        """Indices of hoisted results that the rest of the program reads, without constants and parameters.
 
         Matrix entries of a hoisted factor are included: a solve may have to factor the matrix again with pivoting.
         """
@@ -207,7 +207,7 @@ def _problems(program: Program) -> Iterator[str]:
 
 
 def uses_of(program: Program) -> list[int]:
-    """Return a lower bound of the number of uses of each result in printed text."""
+    """Return, for each instruction, a lower bound of the number of times that printed code reads its result."""
     uses = [0] * len(program.instructions)
     for one in program.instructions:
         for arg in one.args:
@@ -220,8 +220,9 @@ def uses_of(program: Program) -> list[int]:
 class SolveGroup(NamedTuple):
     """Solves with one factorization that run together. All right-hand sides are known before the first solution.
 
-    `solves` are the instructions in order. No right-hand side depends on another solution of the group. A Jacobian has
-    a group with one solve for each entry of the state.
+    `factor` is the index of the factor instruction, and `solves` are those of the solve instructions, in order. No
+    right-hand side depends on another solution of the group. A Jacobian has a group with one solve for each entry of
+    the state.
     """
 
     factor: int
@@ -229,11 +230,11 @@ class SolveGroup(NamedTuple):
 
 
 def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int]) -> list[int | SolveGroup]:
-    """Return instructions in an order in which systems can be solved together, at most `most(factor)` with one factor.
+    """Sort the instructions `refs` so that systems with the same matrix are solved together, as a `SolveGroup`.
 
-    At the number of a solve in a group its right-hand side is known, and its solution from the group itself on.
-    Instructions are sorted by the number of solves that they depend on in sequence, and then as in the program; without
-    groups the order is that of the program.
+    A group has at most `most(factor)` solves with the matrix of the instruction `factor`. The index of a solve in a
+    group marks where its right-hand side is known; its solution is known after the group. Instructions are sorted by
+    the number of solves on which they depend in sequence, then by index. Without groups the order is unchanged.
     """
     refs = list(refs)
     factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]
@@ -261,7 +262,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Return groups of about the same size, of at most `most` solves each, without groups of one."""
+    """Divide solves into groups of about the same size, of at most `most` solves. Omit groups of one solve."""
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

@@ -29,10 +29,10 @@ from the left.
 class RecurrenceBuilder:
     """Builds the series values of graph nodes, each once, and numbers them.
 
-    `nodes` has the node of each value at order 0, if there is one. `rate` is dq/dt, by default v. `unknowns` maps the
-    symbols that a stage solves for, beside velocities, to their number among all unknowns. `integrals` maps other
-    symbols to their derivatives. With `apart` the rate of a sum such as a - b is multiplied term by term, because cos(a
-    - b) a' may exist already.
+    `nodes` has for each value the node that computes it at order 0, or None. `rate` is dq/dt, by default v. `unknowns`
+    maps the symbols that a stage solves for, except velocities, to their number among all unknowns. `integrals` maps
+    other symbols to their derivatives. With `apart` the factor a' - b' in the rate of sin(a - b) is multiplied term by
+    term, because cos(a - b) a' may exist already.
     """
 
     def __init__(
@@ -100,7 +100,8 @@ class RecurrenceBuilder:
     def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
         """Return the number of the value with a rule; an equal value is reused.
 
-        `constant` is added at order 0 and is not part of the rule: x - 1 and x - 2 are two values.
+        `node` computes the value at order 0; None for an integral without a start. `constant` is a term of order 0
+        that is not part of the rule: x - 1 and x - 2 are two values.
         """
         key = rule, constant
         if key not in self.numbers:
@@ -126,7 +127,7 @@ class RecurrenceBuilder:
         return self.constants.setdefault(node, len(self.constants))
 
     def value(self, node: Node) -> int:
-        """Return the index in the series of the value of a node that varies in time, or of a constant force."""
+        """Return the number of the value of a node that varies in time, or of a constant force."""
         if node not in self.values:
             self.values[node] = self._make(node)
         return self.values[node]
@@ -151,7 +152,10 @@ class RecurrenceBuilder:
         raise AssertionError(f"{node} has no series")
 
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
-        """Return the number of the value of a linear combination; its constants enter at order 0 only."""
+        """Return the number of the value of a linear combination, the node `node` with these `terms`.
+
+        Constant terms enter at order 0 only.
+        """
         merged: dict[int, Node] = {}
         constant = self.graph.zero
         for coefficient, arg in terms:
@@ -201,14 +205,14 @@ class RecurrenceBuilder:
         return self.multiply(*map(self.value, rest))
 
     def multiply(self, a: int, b: int) -> int:
-        """Return the number of the value of a product of two values."""
+        """Return the number of the value of the product of the values with numbers a and b."""
         node = self.node_of(a) * self.node_of(b)
         if a == b:
             return self.add(SeriesRule("square", (a,)), node)
         return self.add(SeriesRule("mul", (min(a, b), max(a, b))), node)
 
     def node_of(self, value: int) -> Node:
-        """Return the node that computes a value at order 0."""
+        """Return the node that computes the value with a number at order 0."""
         return known_node(self.nodes[value])
 
     def power(self, node: Node) -> int:
@@ -250,7 +254,7 @@ class RecurrenceBuilder:
         return self.graph.sum(terms)
 
     def integrate(self, value: int, a: Node, w: int, sign: int = 1) -> None:
-        """Set the rule u' = sign w a' of a reserved value u."""
+        """Set the rule of a reserved value u to u' = sign * w * a', with the node a and the value number w."""
         rate = self.rate(a)
         if rate is None:
             self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
@@ -276,7 +280,7 @@ class RecurrenceBuilder:
             self.rules[value] = SeriesRule("integral", (self.value(rates[symbol]),), (self.constant(1),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
-        """Return the terms of rate * w, each as the value of a product."""
+        """Return the terms of rate * w as (coefficient, node), where each product with the value w has a value."""
         terms = []
         for coefficient, node in [*zip(rate.data[1], rate.args, strict=True), (rate.data[0], self.graph.one)]:
             scale, moving = (node, None) if node.binding <= Binding.PARAMETER else self.split(node)
@@ -287,12 +291,12 @@ class RecurrenceBuilder:
         return [(c, node) for c, node in terms if c]
 
     def initial(self, table: Sequence[Node], low: Mapping[int, Node]) -> list[Node | None]:
-        """Return every value at order 0, with constants from the same table as the higher orders.
+        """Return a node for every value at order 0, with constants from the `table` of the higher orders.
 
-        If they were rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its
-        derivatives. This error would have the same sign at every step, and the error of the energy would grow in
-        proportion to time. `low` maps values to the rounding errors of coordinates and velocities. These errors enter
-        differences of coordinates, so that bodies may move together far from the origin.
+        If constants were rounded in another way, G m1 m2 would differ by a unit in the last place between a force and
+        its derivatives. This error would have the same sign at every step, and the error of the energy would grow in
+        proportion to time. `low` maps the numbers of coordinates and velocities to symbols of their rounding errors.
+        These errors enter differences of coordinates, so that bodies may move together far from the origin.
         """
         found: list[Node | None] = []
         replaced = Substitution()
@@ -318,9 +322,9 @@ class RecurrenceBuilder:
 
 
 def known_node(node: Node | None) -> Node:
-    """Return the node of a value at order 0, which must exist."""
+    """Return the node that computes a value at order 0, which must not be None."""
     if node is None:
-        raise AssertionError("the value of an integral without a start is read")
+        raise AssertionError("the value at order 0 of an integral without a start is read")
     return node
 
 
@@ -337,7 +341,7 @@ FunctionRule = Callable[["RecurrenceBuilder", Node], int]
 
 
 def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
-    """Return the builder of two functions that are each other's derivative up to a sign, such as sin and cos."""
+    """Return the builder of two functions, each the derivative of the other up to a sign, such as sin and cos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -360,7 +364,7 @@ def _exponential(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _tangent(sign: int) -> FunctionRule:
-    """Return the builder of functions with u' = (1 + sign u**2) a'."""
+    """Return the builder of a function u of a with u' = (1 + sign * u**2) * a': tan or tanh."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         b.value(node.args[0])
@@ -387,7 +391,7 @@ def _flatness(a: Node) -> Node:
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """Return the builder of a function u with slope(a) u' = sign a'; the sign is -1 for acos."""
+    """Return the builder of a function u of a with slope(a) * u' = sign * a'; the sign is -1 for acos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -401,7 +405,7 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
 
 
 def _error_function(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the value of erf(a), by u' = 2/sqrt(pi) exp(-a**2) a'."""
+    """Return the number of the value u = erf(a), by u' = 2/sqrt(pi) * exp(-a**2) * a'."""
     a = node.args[0]
     b.value(a)
     w = b.value(ELEMENTARY["erf"].partial(node, a))
@@ -411,7 +415,7 @@ def _error_function(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _atan2(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the value of atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
+    """Return the number of the value u = atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
     w = b.value(x**2 + y**2)
     terms = []
@@ -425,14 +429,14 @@ def _atan2(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
-    """Return the number of a value: sign times the integral of w da, up to a constant."""
+    """Return the number of the value sign times the integral of w da, up to a constant."""
     if w.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
     return b.add(SeriesRule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
 
 
 def _pow(b: RecurrenceBuilder, node: Node) -> int:
-    """Return base ** exponent, by the rule of powers for a constant exponent, else exp(exponent log(base))."""
+    """Return the number of the value base ** exponent, or exp(exponent * log(base)) if the exponent varies."""
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
@@ -456,7 +460,7 @@ def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _refuse(_: RecurrenceBuilder, node: Node) -> int:
-    raise StatementError(f"{node.data} has no Taylor series: it should have become a side of a surface.")
+    raise StatementError(f"{node.data} has no Taylor series, and was not replaced by a switching surface.")
 
 
 FUNCTION_RULES: dict[str, FunctionRule] = {

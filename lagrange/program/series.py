@@ -67,7 +67,8 @@ LAGGED = {"integral": 0, "along": 1}
 class SeriesRule(NamedTuple):
     """Recurrence of one value's Taylor coefficients: operation, arguments, and indices in the table of constants.
 
-    If the operation is "unknown", `coefficients` has the number of the unknown instead.
+    `args` are the numbers of the argument values. If the operation is "unknown", `coefficients` has the number of the
+    unknown among all unknowns instead of indices of constants.
     """
 
     op: str
@@ -79,7 +80,7 @@ class SeriesRule(NamedTuple):
 class Stage:
     """The linear system A x[k] = right[k-1] / k - left[k] of each order k, with left[k] computed for x[k] = 0.
 
-    `unknowns` are numbers of values. Each has one value of `left` and one of `right`, or None for zero. For velocities,
+    `unknowns`, `left` and `right` are numbers of values, one of each for each equation; None is zero. For velocities,
     `left` are the momenta up to a constant, and `right` the forces. `plan` describes the structure and the solution of
     A, the matrix of order 0.
     """
@@ -139,7 +140,7 @@ class SeriesProgram:
         return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
-        """Return the arguments of value `i` that its rule reads at order k itself."""
+        """Return the arguments of value number i that its rule reads at the order that it computes."""
         op, args, _ = self.rules[i]
         return tuple(arg for place, arg in enumerate(args) if LAGGED.get(op) != place)
 
@@ -161,7 +162,7 @@ class SeriesProgram:
         return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return those of `values` that are known after stage `place`, without the unknowns of that stage."""
+        """Return the values, of `values`, that need exactly `place` stages to be solved, without unknowns."""
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
@@ -190,7 +191,7 @@ class SeriesProgram:
 
     @cached_property
     def lagged(self) -> frozenset[int]:
-        """Values whose coefficient of the previous order is read."""
+        """Values whose coefficients some rule reads at the previous order."""
         return lagged_values(self.rules)
 
     @cached_property
@@ -212,12 +213,12 @@ class SeriesProgram:
 
     @cached_property
     def hides_growth(self) -> bool:
-        """True if there are functions, such as exp, whose series may start far below others and later exceed them."""
+        """True if there are functions, such as exp, whose series may begin far below others and later exceed them."""
         return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
     @cached_property
     def may_cross(self) -> bool:
-        """True if rows that grow from below rounding may be noise, as where branches of constrained motion cross."""
+        """True if coefficients that grow from below rounding may be noise, as where constrained motions branch."""
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
@@ -245,7 +246,10 @@ class SeriesProgram:
 
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
-    """Return the number of half sums over lower orders, a measure of the cost of one order. A square has one."""
+    """Return a measure of the cost of one order: twice the number of sums over lower orders.
+
+    The sum of a square counts half, because its terms occur in pairs.
+    """
     weight = {"mul": 2, "div": 2, "inverse": 2, "power": 4, "along": 2, "against": 2, "square": 1, "sqrt": 1}
     return sum(weight.get(rule.op, 0) for rule in rules)
 
@@ -266,7 +270,7 @@ def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return the rates of coordinates that are not velocities but values, which need no solve."""
+    """Return those of the values `rates`, of dq/dt, that a rule computes: they are not unknowns of a solve."""
     return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
 
 

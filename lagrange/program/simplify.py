@@ -91,7 +91,7 @@ class _Simplifier:
         )
 
     def needed(self, outputs: Sequence[int]) -> list[int]:
-        """Return the instructions that the outputs need, in order."""
+        """Return the indices of the instructions that the outputs need, in order."""
         marked = [False] * len(self.code)
         for ref in outputs:
             marked[ref] = True
@@ -102,7 +102,7 @@ class _Simplifier:
         return [ref for ref, mark in enumerate(marked) if mark]
 
     def emit(self, op: str, *args: int, **data: Any) -> int:
-        """Return the number of an instruction; an equal instruction is reused."""
+        """Return the index in the new program of an instruction; an equal instruction is reused."""
         one = Instruction(op, args, **data)
         if one not in self.numbers:
             ref = self.numbers[one] = len(self.code)
@@ -116,7 +116,7 @@ class _Simplifier:
         return self.numbers[one]
 
     def again(self, one: Instruction) -> Signed:
-        """Return the value in the new program of an old instruction."""
+        """Return the result in the new program of `one`, an instruction of the old program."""
         if one.op == "constant" and one.value < 0.0:
             return Signed(self.emit("constant", value=-one.value), negative=True)
         if one.op == "neg":
@@ -134,7 +134,7 @@ class _Simplifier:
         return Signed(self.emit(one.op, *args, **_data(one)))
 
     def odd(self, op: str, a: Signed, b: Signed) -> Signed:
-        """Return the signed result of a product or quotient, whose sign is the product of the operands' signs."""
+        """Emit a product or quotient (`op`); return its signed result, negative if one operand is negative."""
         return Signed(self.emit(op, a.ref, b.ref), a.negative != b.negative)
 
     def sum(self, a: Signed, b: Signed) -> Signed:
@@ -155,20 +155,20 @@ class _Simplifier:
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
 
     def plain(self, ref: int) -> int:
-        """Return the number in the new program of an old result, with its sign applied."""
+        """Return the index in the new program of the old result `ref`, with its sign applied."""
         return self.plain_of(self.values[ref])
 
     def plain_of(self, value: Signed) -> int:
-        """Return the number of a signed value, with its sign applied."""
+        """Return the index of a signed value, with its sign applied."""
         if not value.negative:
             return value.ref
         free = self.turned(value.ref, 0)
         return self.emit("neg", value.ref) if free is None else free
 
     def turned(self, ref: int, readers: int) -> int | None:
-        """Return the negative of a value if that costs no operation.
+        """Return the index of the negative of the result `ref`, if the negation costs no operation.
 
-        Return None if it does, or if more than `readers` instructions read it.
+        Return None if it costs one, or if more than `readers` instructions read the result.
         """
         one = self.code[ref]
         if one.op == "constant":
@@ -247,7 +247,7 @@ def _data(one: Instruction) -> dict[str, Any]:
 
 
 def _uses(program: Program) -> list[int]:
-    """Return the number of reads of each result."""
+    """Return the number of instructions that read each result, counting an output as one more."""
     found = [0] * len(program.instructions)
     for one in program.instructions:
         for arg in one.args:

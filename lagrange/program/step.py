@@ -32,10 +32,9 @@ calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Split a linear combination in two.
+    """Split a linear combination in two: terms with coefficients of any form, and terms with multiples of h.
 
-    The first part has coefficients of any form. The second has exact numbers as coefficients; its sum is multiplied by
-    the step size h.
+    The second part has exact numbers as coefficients; its sum is multiplied by the step size h.
     """
     plain, scaled = [], []
     for vector, node in combination:
@@ -57,9 +56,9 @@ def in_doubles(number: Exact) -> tuple[float, float]:
 class Law:
     """The function of the model that a step evaluates, such as the right-hand side.
 
-    `states`, `arguments` and `results` count vectors of n numbers: those of the state, the arguments of a call, and its
-    results. `quantity` names the model's quantity that a call evaluates; `derivative` names its derivative by the
-    arguments. `inputs` is the number of vectors that both quantities read.
+    `states`, `arguments` and `results` are numbers of vectors: in the state, in the arguments of a call, and in its
+    results. `quantity` is the name of the model's quantity that a call evaluates, and `derivative` that of its
+    derivative by the arguments. `inputs` is the number of vectors of n entries that both quantities read.
     """
 
     states: int
@@ -78,7 +77,7 @@ class Law:
         return self.inputs > 2
 
     def dimension(self, numbers: int) -> int:
-        """Return the length of a state vector, for a quantity that reads `numbers` numbers."""
+        """Return the length 2n of the state, for a quantity whose inputs have `numbers` entries in total."""
         return 2 * numbers // self.inputs
 
 
@@ -107,7 +106,7 @@ their rates psi, all padded to n entries (`lagrange.program.constraints`).
 
 @dataclass(frozen=True, eq=False)
 class LawCall:
-    """One evaluation of the law at a time and its arguments. Its results are numbered from `first`."""
+    """One evaluation of the law at a time and arguments. The numbers of its result vectors begin at `first`."""
 
     time: Node
     arguments: tuple[Combination, ...]
@@ -121,7 +120,7 @@ class LawCall:
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Unknown vectors, numbered from `first`, that make the residuals zero.
+    """Unknown vectors that make the residuals zero. Their numbers begin at `first`.
 
     `calls` are the calls inside the residuals; they may depend on the unknowns but not on each other. `guesses` are the
     start values of Newton's method if no previous steps can be extrapolated; `preparation` are the calls that the
@@ -150,7 +149,10 @@ class Solve:
 
 @dataclass(frozen=True, eq=False)
 class Damp:
-    """The vector (I - factor J)^-1 times a combination. J is the Jacobian that the solve numbered `of` used last."""
+    """The vector (I - factor J)^-1 times a combination. J is the last Jacobian of the solve with number `of`.
+
+    `result` is the number of the vector, and `vector` the combination.
+    """
 
     result: int
     of: int
@@ -165,9 +167,10 @@ Action = LawCall | Solve | Damp
 class Control:
     """Step size control: h is multiplied by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
 
-    `exponent` is the power of h with which the error norm decreases. With `damped`, the step has two error vectors, and
-    the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares. If the new step would be longer by a
-    factor below `hold`, h is unchanged, so that the matrix of the step can be reused.
+    `exponent` is the power of h to which the error norm is proportional. The factor of h is at least `least` and at
+    most `most`. With `damped`, the step has two error vectors, and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3)
+    dim), where e5 and e3 are their sums of squares. If the factor is between 1 and `hold`, h is unchanged, so that the
+    matrix of the step can be reused.
     """
 
     exponent: int
@@ -184,8 +187,8 @@ class StepProgram:
     """A step as a program in t and h: `actions` in order, then the new state vectors and the error vectors.
 
     With a `starter`, a step also reads the state one step before, whose vectors are numbered after those of the state.
-    The starter is a step program without this; it makes the first step and any step of another length. `ratio` is h
-    over the length of the previous step.
+    The starter is a step program without such a state; it takes the first step and any step of another length. `ratio`
+    is h over the length of the previous step.
     """
 
     name: str
@@ -245,7 +248,7 @@ class StepProgram:
         return tuple(dict.fromkeys([*found, *(factor for one in combinations for _, factor in one)]))
 
     def scalars(self, nodes: Sequence[Node]) -> Program:
-        """Return a program that computes coefficients of the step from t and the state [h, ratio of steps]."""
+        """Return a program that computes the coefficients `nodes` of the step from t, h and the ratio of steps."""
         return lower("scalars", {"scalars": nodes}, {"h": [self.h], "ratio": [self.ratio]}, self.time, [])
 
     @property
@@ -263,7 +266,7 @@ class StepProgram:
         return bool(self.solves) and self.control is None
 
     def compensated(self, state: int) -> bool:
-        """Return True if the rounding error of a state vector is stored, and added in the next step."""
+        """Return True if the rounding error of state vector number `state` is stored, and added in the next step."""
         return self.exact and (state, self.graph.one) in self.results[state]
 
     @property
@@ -294,7 +297,7 @@ class StepProgram:
 
 
 def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
-    """Yield the lines that print an action."""
+    """Yield the lines that print an action; `names` are those of vectors, and a call has `results` results."""
     if isinstance(action, LawCall):
         made = ", ".join(names[action.first : action.first + results])
         yield f"{made} = f({action.time!r}, {', '.join(_shown(one, names) for one in action.arguments)})"
@@ -358,7 +361,7 @@ def trace(
 
 
 def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
-    """Raise StatementError if a result of a call inside a residual is used outside of it."""
+    """Raise StatementError if a result of a call inside a residual, of those numbered `inner`, is used outside."""
     outside = [*step.results, *step.errors]
     outside += [argument for call in step.calls for argument in call.arguments]
     outside += [damp.vector for damp in step.damps]
@@ -429,7 +432,7 @@ class TracedVector:
 
 
 class Recorder:
-    """Records the law's calls and the solves of a step function. It is passed as both of these arguments."""
+    """Records the calls of the law and the solves of a step function, which gets its methods as arguments."""
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph
@@ -446,7 +449,10 @@ class Recorder:
         return TracedVector({self.vectors - 1: self.graph.one})
 
     def call(self, at: Any, *arguments: Any) -> Any:
-        """Record an evaluation of the law and return its results as vectors. It is the function f, a or g of a step."""
+        """Record an evaluation of the law at the time `at`, and return its results as vectors.
+
+        The step function gets this method as its argument f, a or g.
+        """
         wanted = self.law.arguments
         if len(arguments) != wanted:
             raise StatementError(
@@ -510,7 +516,7 @@ class Recorder:
         return made
 
     def _within(self, function: Callable[[], Any]) -> tuple[tuple[LawCall, ...], tuple[Combination, ...], bool]:
-        """Return the calls that a function makes, the combinations that it returns, and True if it returns a tuple."""
+        """Run a residual, guess or prediction: return its calls, its results, and True if it returns a tuple."""
         self.inside = []
         try:
             returned = function()
@@ -521,8 +527,8 @@ class Recorder:
         vectors = tuple(returned) if several else (returned,)
         if not all(isinstance(vector, TracedVector) for vector in vectors):
             raise StatementError(
-                f"step function {self.name} gives solve something that is not a combination of vectors: guesses, "
-                "residuals and predictions add vectors and multiply them by numbers made of t and h."
+                f"step function {self.name}: solve takes combinations of vectors alone. Guesses, residuals and "
+                "predictions add vectors and multiply them by numbers made of t and h."
             )
         return made, tuple(vector.combination() for vector in vectors), several
 

@@ -28,9 +28,9 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 class Switched:
     """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
 
-    `stated` has the surfaces as functions of the state alone, with the switches inside them. `expressions` has them as
-    in the statement, without the conditions of their branches. `starts` maps each output, or part of one, that jumps on
-    a surface to its value at order 0, which depends on the side.
+    `stated` has the surfaces as functions of the state alone, with the switches inside them. `expressions` has the
+    surfaces as in the statement, without the conditions of their branches. `starts` maps each angle that jumps on a
+    surface to its value at order 0, which depends on the side of the surface.
     """
 
     outputs: tuple[Node, ...]
@@ -77,7 +77,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Add the smooth forms of nodes, and of all nodes that they depend on, to the table."""
+        """Add the smooth form of each node on which the outputs depend to the `table`, by node."""
         for node in reachable(outputs, held=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
@@ -88,7 +88,10 @@ class _Switches:
                     self.cut(table[node], node)
 
     def cut(self, angle: Node, stated: Node) -> None:
-        """Make y of atan2(y, x) a switching surface. At y = 0 the angle's value is its limit from the present side."""
+        """Make y of an `angle` atan2(y, x) a switching surface; at y = 0 the angle is its limit from the present side.
+
+        `stated` is the angle as in the statement.
+        """
         y, x = angle.args
         side = self.side(y, stated.args[0], self.read(stated))
         self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
@@ -153,9 +156,9 @@ def _is_periodic(node: Node) -> bool:
 
 
 def _without_turns(a: Node) -> list[Node]:
-    """Return the terms of a sum, including nested sums.
+    """Return the terms of an argument of a periodic function, including those of nested sums.
 
-    A whole multiple of an angle atan2(y, x) is replaced by y and x, because jumps by 2 pi do not matter there.
+    A whole multiple of an angle atan2(y, x) is replaced by y and x, because the function ignores jumps by 2 pi.
     """
     found: list[Node] = []
     terms: list[tuple[Exact, Node]] = [(1, a)]

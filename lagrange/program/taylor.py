@@ -44,7 +44,7 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
 
 def in_rates(e: Equations) -> Equations:
-    """Return the equations with rates of bodies as velocities, or unchanged for a system without such rates."""
+    """Return the equations with angular rates of bodies as velocities; unchanged for a system without them."""
     if e.turning is None:
         return e
     mass = mass_matrix(e.turning.momenta, e.turning.velocities)
@@ -53,9 +53,9 @@ def in_rates(e: Equations) -> Equations:
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
-    """Return the nodes of a series, smooth between switching surfaces; the fields of `_Parts` name its outputs.
+    """Return the nodes of a series, smooth between switching surfaces. `_Parts` divides its outputs.
 
-    In the watched nodes, symbols replace accelerations and multipliers that come from a linear system.
+    In the watched nodes, symbols replace accelerations and multipliers that a linear system determines.
     """
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
@@ -128,7 +128,7 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
 
 
 class _Assembly:
-    """One form of the equations, being built as values with rules."""
+    """Builder of the series of one form of the equations: its values and their rules."""
 
     def __init__(
         self,
@@ -196,10 +196,11 @@ class _Assembly:
         return [[self.entries.get((i, j), zero) for j in range(size)] for i in range(size)]
 
     def balance(self, right: Sequence[Node]) -> list[Node]:
-        """Return M a - h - G^T lambda and G a + gamma, with symbols for a and -lambda.
+        """Return the residuals M a - h - G^T lambda and G a + gamma, with symbols for a and -lambda.
 
-        Both are zero along the motion. Their coefficients at zero unknowns give those of a and lambda. The list is
-        empty without right-hand sides.
+        `right` are the right-hand sides h and -gamma. The residuals are zero along the motion. Their coefficients with
+        the unknowns a and -lambda set to zero are the right-hand sides for the coefficients of these unknowns. The list
+        is empty if `right` is empty.
         """
         graph = self.equations.graph
         return [
@@ -210,7 +211,8 @@ class _Assembly:
     def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
         """Add the constraints to the linear system.
 
-        The unknown of each is the integral of -lambda. G^T times its differential is part of the momenta, and psi = 0.
+        `velocities` are psi, the constraints on velocities, and `gradient` is G by rows. The unknown of each constraint
+        is the integral of -lambda. The integral of G^T times its differential is part of the momenta, and psi = 0.
         """
         b, n, m = self.builder, len(self.equations.q), len(velocities)
         self.impulses = [b.add(SeriesRule("unknown", (), (n + j,)), None) for j in range(m)]
@@ -226,13 +228,13 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the number of the value rate - 2 pull t. It determines the velocity of a quaternion entry."""
+        """Return the number of the value rate - 2 * pull * t, which determines the velocity of a quaternion entry."""
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
 
     def inertia(self, i: int) -> list[tuple[int, Node]]:
-        """Return a momentum as a list of (value, constant factor). For a constant mass matrix it is M v itself."""
+        """Return momentum number i as a list of (value, constant factor); for a constant mass matrix entry i of M v."""
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
             return [(known, b.graph.one)]
@@ -240,7 +242,10 @@ class _Assembly:
         return [(self.unknowns[j], entry) for j, entry in entries.items()] if self.steady else []
 
     def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
-        """Return the integral of an entry of G along the integral of its multiplier, as (constant factor, value)."""
+        """Return the integral of an `entry` of G along the value `multiplier`, as (constant factor, value).
+
+        `multiplier` is the number of the value that is the integral of -lambda.
+        """
         b = self.builder
         if entry.binding <= Binding.PARAMETER:
             return entry, multiplier
@@ -263,7 +268,7 @@ class _Assembly:
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
-        """Return the number of the value of a momentum computed from its parts, or None for zero."""
+        """Return the number of the value of a momentum, computed from its parts, or None for zero."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
 
@@ -287,7 +292,7 @@ class _Assembly:
         return b.add(SeriesRule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: LinearTerms) -> int | None:
-        """Return the number of the value of a force, or None for zero."""
+        """Return the number of the value of a force, a sum of `terms`, or None for zero."""
         graph = self.equations.graph
         if not terms:
             return None

@@ -243,7 +243,7 @@ def test_what_cannot_be_solved_is_refused() -> None:
         (without_calls, r"solves for 1 unknown\(s\) with 1 residual\(s\) and 0 call\(s\) of f"),
         (too_few, r"solves for 2 unknown\(s\) with 1 residual\(s\) and 1 call\(s\) of f"),
         (leaked, "uses a call of a residual outside of it"),
-        (numbers, "gives solve something that is not a combination of vectors"),
+        (numbers, "solve takes combinations of vectors alone"),
     ):
         with pytest.raises(StatementError, match=words):
             implicit(function)
