@@ -195,6 +195,27 @@ def with_relations(
     )
 
 
+def rates_of(
+    statement: Statement, solved: ConstraintEquations, chosen: Sequence[int], v: tuple[Node, ...]
+) -> tuple[Node, ...]:
+    """Return dq/dt: the velocities, but with open inputs functions of the state for `chosen` coordinates of first order.
+
+    An input may jump, and with it a velocity of first order, which the velocity in the state does not follow. Where the
+    relations, the last of the solved constraints, are not linear in these velocities, they are those of the state.
+    """
+    if not chosen or not statement.inputs:
+        return v
+    count = len(chosen)
+    square = [[row[i] for i in chosen] for row in solved.gradient[-count:]]
+    at_zero = dict.fromkeys((v[i] for i in chosen), v[0].graph.zero)
+    entries = [entry for row in square for entry in row]
+    if any(here is not there for here, there in zip(entries, substitute(entries, at_zero), strict=True)):
+        return v
+    rest = [-relation for relation in substitute(solved.velocities[-count:], at_zero)]
+    solution = dict(zip((v[i] for i in chosen), eliminated(square, rest, range(count)), strict=True))
+    return tuple(solution.get(symbol, symbol) for symbol in v)
+
+
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
     """Return the multipliers of all constraints, of least norm, from those of the kept ones.
 
@@ -334,7 +355,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         graph=graph,
         q=q,
         v=v,
-        rate=v,
+        rate=rates_of(statement, solved, first_order, v),
         time=time,
         parameters=parameters,
         leaves=leaves | prescribed,

@@ -140,7 +140,7 @@ class Linearization(ShownAsPage):
         except ZeroDivisionError:
             raise StatementError(
                 f"the {what} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
-                "coordinates that are regular there."
+                "coordinates that are regular there; state rates without inertia as constraints, such as e.dot - f."
             ) from None
 
 
@@ -533,11 +533,16 @@ class TangentMotion:
 
 
 def _check(here: AtPoint) -> None:
-    """Raise StatementError for a point that does not satisfy the constraints, in position or velocity."""
+    """Raise StatementError for a point off the constraints, in position or velocity, and for inputs in constraints."""
     held = here.equations.stated
     for one, phi, psi in zip(here.statement.constraints, held.positions, held.velocities, strict=True):
         if one.expression.xreplace(here.form.plain).has(t):
             raise StatementError(f"the constraint {one.name!r} depends on time: no point satisfies it at all times.")
+        if driving := [u for u in here.point.inputs if one.expression.has(u)]:
+            raise StatementError(
+                f"the input {driving[0]} is in the constraint {one.name!r}, so that velocities follow it and B would "
+                "need its rate: leave it out of inputs, or state it in forces."
+            )
         for node, subject, names in ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities")):
             value = sympy.S.Zero if node is None else here.matrix([[node]], 1)[0]
             if not here.point.is_zero(value, ()):

@@ -178,7 +178,7 @@ def _lowered(name: str, equations: Equations) -> Program:
         equations.time,
         equations.parameters,
         shape=shape,
-        returned=quantity.returned,
+        returned=quantity.returned if tuple(equations.rate) == tuple(equations.v) else (),
         solved=quantity.solved,
     )
 

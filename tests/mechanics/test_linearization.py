@@ -221,6 +221,12 @@ def rod(**more: Any) -> lg.System:
             "inputs contains 'v', which is not a parameter of this system; its",
         ),
         (
+            lambda: lg.System(m * x.dot**2 / 2, forces={x: y}, constraints={"filter": y.dot - u + y}).linearize(
+                inputs=[u]
+            ),
+            "the input u is in the constraint 'filter', so that velocities follow it and B would need its rate:",
+        ),
+        (
             lambda: lg.System(m * x.dot**2 / 2, k * abs(x)).linearize(),
             "the forces on x have a corner or a jump at x = 0, where x is zero, so that they are not linear near it.",
         ),

@@ -103,6 +103,17 @@ def test_a_given_table_is_not_left() -> None:
         problem.arguments((0.0, 4.0))
 
 
+def test_a_state_of_first_order_follows_a_jump_of_its_input() -> None:
+    """A filter y' = u - y whose input jumps from 0 to 1 at t = 0, where the velocity in the state is 0."""
+    u, x = lg.given("u"), lg.coordinate("x")
+    filtered = lg.System(x.dot**2 / 2, coordinates=[x, y], forces={x: y, y: u - y}, dissipation=y.dot**2 / 2)
+    problem = filtered.compile().as_scipy(inputs={u: lambda time: 1.0, u.dot: lambda time: 0.0})
+    found = solve_ivp(problem.fun, (0.0, 2.0), np.zeros(4), method="DOP853", rtol=1e-10, atol=1e-12)
+    # The solver keeps the error of a step below 1e-10.
+    assert found.y[1, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)
+    assert found.y[0, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)  # x'' = y: t**2/2 - t + 1 - exp(-t) = y(2)
+
+
 def test_a_singular_mass_matrix_is_a_sentence() -> None:
     model = singular(2)
     problem = model.as_scipy()
