@@ -198,10 +198,10 @@ def with_relations(
 def rates_of(
     statement: Statement, solved: ConstraintEquations, chosen: Sequence[int], v: tuple[Node, ...]
 ) -> tuple[Node, ...]:
-    """Return dq/dt: the velocities, but with open inputs functions of the state for `chosen` coordinates of first order.
+    """Return dq/dt: velocities of the state, or with open inputs solved ones for `chosen` coordinates of first order.
 
-    An input may jump, and with it a velocity of first order, which the velocity in the state does not follow. Where the
-    relations, the last of the solved constraints, are not linear in these velocities, they are those of the state.
+    An input may jump, and with it a velocity of first order, which the velocity in the state does not follow. The last
+    of the `solved` constraints are solved for these velocities if they are linear in them.
     """
     if not chosen or not statement.inputs:
         return v
