@@ -1,6 +1,6 @@
-"""Print a procedure as Python source on NumPy's arrays, where each `each` becomes operations on whole arrays.
+"""Print a procedure as Python source on NumPy's arrays, where each `each` loop becomes operations on whole arrays.
 
-It is for procedures with loops over long vectors. Statements outside of an `each` are printed as in `python_source`.
+For procedures with loops over long vectors. Statements outside of an `each` are printed as in `python_source`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The protocols of a machine: it loads programs and returns kernels, series and drivers."""
+"""Protocols of a machine, a back end that loads programs and returns kernels, series and drivers."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class SingularMassMatrix(RunError):
 
 
 class QuickCalls(NamedTuple):
-    """Functions of (t, y) and of (t, q, v) that return the result for one state, or None if `Kernel` must be called.
+    """Functions of (t, y) and of (t, q, v) that return a kernel's result for one state, or None to ask for a full call.
 
     Quick calls do not report errors. They return None if the time is not a float, if a state is not a plain NumPy array
-    of doubles of the right shape, or if the result is not finite.
+    of doubles of the right shape, or if the result is not finite. The caller then calls the `Kernel`.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -56,70 +56,76 @@ class Kernel(Protocol):
 
     @property
     def program(self) -> Program:
-        """The program."""
+        """The program that the kernel computes."""
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the program's result for a state (2n,), shape `program.shape`, or for columns (2n, batch).
+        """Return the program's result for a state (2n,), in the shape `program.shape`, or for many states (2n, batch).
 
-        Columns are also the last axis of the result. `t` is a number, or one for each column (batch,). `parameters` has
+        The batch is also the last axis of the result. `t` is a number, or one for each state (batch,). `parameters` has
         shape (k,). Raises SingularMassMatrix.
         """
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result for columns. `inputs` has one array (size, batch) for each of the program's inputs."""
+        """Return the result for many states. `inputs` has an array (size, batch) for each of the program's inputs."""
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
 
 
 class Callback(NamedTuple):
-    """A kernel as a function that procedures call: its address or the Python function, and its prepared parameters."""
+    """A kernel as a function that procedures call. `function` is its address or a Python function.
+
+    `numbers` are the kernel's parameters, followed by all values that depend on them alone.
+    """
 
     function: Any
     numbers: FloatArray
 
 
 class BoundCall(Protocol):
-    """Memory for the arguments of a procedure, and calls with them."""
+    """Memory for the arguments of a procedure; calling the object runs the procedure with these arguments."""
 
     @property
     def is_final(self) -> bool:
-        """True if the code is not compiled again."""
+        """True if the code will not be compiled again."""
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are shared, None stands for no array and no function.
+        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function.
 
         Names that the procedure does not have are ignored.
         """
 
     def __call__(self) -> Any:
-        """Return None, a value or a tuple of values."""
+        """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
 
     def count(self, steps: int) -> bool:
-        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+        """Report that `steps` more steps were taken.
+
+        Return True when optimized code replaces the code compiled quickly.
+        """
 
 
 class LoadedProcedure(Protocol):
     """A procedure that a machine has loaded."""
 
     def __call__(self, *args: Any) -> Any:
-        """Return None, a value or a tuple of values, for arguments in the order of the parameters."""
+        """Run the procedure with arguments in the order of its parameters; return None, a value or several values."""
 
     def bound(self) -> BoundCall:
-        """Return memory for the arguments of calls."""
+        """Return memory for arguments, with which the procedure can be called again and again."""
 
 
 class Driver(Protocol):
     """Advances a run by many steps, with compiled code if the machine has a compiler."""
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's y a view of the driver's memory if that saves a copy.
+        """Make the state's vector y a view of the driver's memory if this avoids copies.
 
-        The previous entries of y are lost then.
+        The entries of y are lost then.
         """
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps; write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
+        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
 
         On return `state` is at the last accepted step, and its count ROWS is the number of rows written. `rows` needs
         four spare doubles after its last row, because machines write whole vectors.
@@ -130,8 +136,8 @@ class BlockPolynomial(NamedTuple):
     """A callback that writes the polynomials of a block of steps, in the layout that `POLYNOMIAL` describes.
 
     `function` is an address or a Python function, and `given` its first argument. A block has `columns` steps, in the
-    layout that the procedure `gather` writes. If `both` is true, the neighbouring steps are passed too. `work` is the
-    number of doubles of working memory. `kept` holds objects that must stay referenced while `function` is used.
+    layout that the procedure `gather` writes. If `both` is true, the callback also needs the neighbouring steps. `work`
+    is the number of doubles of working memory. `kept` holds objects that must exist as long as `function` is used.
     """
 
     function: Any
@@ -143,7 +149,7 @@ class BlockPolynomial(NamedTuple):
 
 
 class DensePath(Protocol):
-    """The dense output of a run, for one kind of path, right-hand side and set of parameters.
+    """The dense output of runs: polynomials of steps, for one method, right-hand side and set of parameters.
 
     A run is its accepted times (S+1,) and states (S+1, 2n). Step i leads from row i to row i + 1.
     """
@@ -156,88 +162,100 @@ class DensePath(Protocol):
         """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients of steps (k,) for powers of the fraction of the step, (degree + 1, 2n, k)."""
+        """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`.
+
+        The variable is the fraction of the step, 0 to 1.
+        """
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at times (K,), sorted in the direction of the run, to `out` (2n, K) with contiguous rows.
+        """Write the states at the times `wanted` (K,) to `out` (2n, K), whose rows are contiguous.
 
-        At accepted times these are the accepted states. If two accepted steps have the same time, the later one counts.
+        The times are sorted in the direction of the run. At an accepted time the accepted state is written. If two
+        accepted steps have the same time, the later one counts.
         """
 
 
 class Series(Protocol):
-    """A series program ready to run. `parameters` are (k + sides,): the sides of the switching surfaces come last."""
+    """A Taylor series program ready to run. Its `parameters` (k + sides,) end with the sides of the switching surfaces.
+
+    A side is the sign of a surface's function.
+    """
 
     @property
     def program(self) -> SeriesProgram:
         """The program of the series."""
 
     def form(self, order: int) -> str:
-        """Return one word for the status card that says how the series of an order is computed."""
+        """Return one word for the printed summary of a run that says how the series of an order is computed."""
 
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the lowest cost."""
 
     def code(self, order: int) -> SeriesCode:
-        """Return the series at an order, with the loop over its steps."""
+        """Return the code of the series at an order, with the loop over Taylor steps."""
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
-        """Return the dense output of steps by the series of an order."""
+        """Return the dense output of Taylor steps of an order, for one set of parameters."""
 
     @property
     def values(self) -> Kernel:
-        """The kernel of the event functions and switching surfaces. It takes the parameters of the series."""
+        """The kernel of the event functions and switching surfaces. Its parameters are those of the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k times scale**k.
+        """Return the scaled Taylor coefficients at a state (2n,). Row k has those of order k, times scale**k.
 
-        The result has shape (order + 1, 2n + watched), with the watched functions last. Raises SingularMassMatrix.
+        The result has shape (order + 1, 2n + watched), with the event functions and switching surfaces last. Raises
+        SingularMassMatrix.
         """
 
 
 class SeriesCode(Protocol):
-    """A series at one order on a machine, with the loop over its steps."""
+    """A Taylor series at one order on a machine, with the loop over its steps."""
 
     program: SeriesProgram
 
     @property
     def layout(self) -> TaylorLayout:
-        """The layout of the series."""
+        """The layout of the series in memory."""
 
     @property
     def function(self) -> Any:
-        """The function that computes the series, as procedures call it; see `JET`."""
+        """The function that computes the series, as an address or Python function with the signature `JET`."""
 
     @property
     def loop(self) -> LoadedProcedure:
-        """The loop over steps; see `taylor_steps`."""
+        """The loop over Taylor steps: the procedure `taylor_steps`."""
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return the prepared numbers, the constants and the numbers of the event functions in one array.
+        """Return one array of numbers for a run: prepared parameters, constants, parameters of the event functions.
 
-        Also return the length of each of the three parts. Raises SingularMassMatrix.
+        Prepared parameters include all values that depend on parameters alone. `values` is the kernel of the event
+        functions, or None. Also return the length of each of the three parts. Raises SingularMassMatrix.
         """
 
     @property
     def is_final(self) -> bool:
-        """True if the code of the series is not compiled again."""
+        """True if the code of the series will not be compiled again."""
 
     def count(self, steps: int) -> bool:
-        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+        """Report that `steps` more steps were taken.
+
+        Return True when optimized code replaces the code compiled quickly.
+        """
 
     def load(self, program: Program) -> Kernel:
         """Return the kernel of a program."""
 
     def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
-        """Return a kernel as a function between arrays."""
+        """Return a kernel as a function on arrays that procedures call, with its parameters."""
 
 
 class Machine(Protocol):
-    """A target that loads programs and runs them, such as LLVM or NumPy."""
+    """A back end that loads programs and runs them, such as LLVM or NumPy."""
 
     @property
     def name(self) -> str:
-        """The target's name, as `System.compile` takes it."""
+        """The name of the back end, as `System.compile` takes it."""
 
     def load(self, program: Program) -> Kernel:
         """Return a kernel for a program, compiled or interpreted."""
@@ -249,21 +267,21 @@ class Machine(Protocol):
         """Load a procedure, once per process."""
 
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
-        """Load the loop over the steps of a step program for a law of `states` entries, and return its layout.
+        """Return the loop over the steps of a method for states with `states` entries, and its layout in memory.
 
-        With `projected` the states satisfy constraints.
+        `step` is one step as a program. With `projected`, each state is projected onto the constraints.
         """
 
     def callback(self, kernel: Any, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a function between arrays; `of_steps` as the loop over steps calls its law.
+        """Return a kernel as a function on arrays that procedures call. Raises SingularMassMatrix.
 
-        Raises SingularMassMatrix.
+        With `of_steps` the function has the signature by which a loop over steps calls the right-hand side.
         """
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
-        """Return the dense output for a kind of path.
+        """Return the dense output for a kind of step polynomial. `kernel` is the right-hand side.
 
-        The kernels are this machine's; some paths need the `jacobian`.
+        Some kinds also need its `jacobian`. Both kernels must be of this machine.
         """
 
     def event_steps(
@@ -275,33 +293,34 @@ class Machine(Protocol):
         dense: DensePath,
         screen: DensePath | None,
     ) -> EventSteps | None:
-        """Return a callable that takes steps with events and resets, or None if NumPy reviews many steps on arrays.
+        """Return a callable that takes steps with events and resets. `dense` is the dense output of the steps.
 
-        `screen` is a cheaper dense output. With it, `dense` is computed only for steps that the screen cannot decide.
+        `screen` is a cheaper dense output. If it is given, `dense` is used only for steps where `screen` cannot decide
+        whether an event occurred. Return None if the caller has to search steps for events, many at once.
         """
 
     @property
     def processor(self) -> str:
-        """Name of the processor that code is compiled for; empty without compilation."""
+        """Name of the processor that code is compiled for; empty if nothing is compiled."""
 
     def members(self, procedure: Procedure) -> MemberRuns | None:
-        """Compile a procedure over members of an ensemble, such as that of `lagrange.algorithm.members.queue`.
+        """Compile a procedure that runs members of an ensemble, such as `lagrange.algorithm.members.queue`.
 
-        Returns None if the machine does not run members in parallel lanes.
+        Return None if the machine does not run members in parallel lanes.
         """
 
 
 class MemberRuns(Protocol):
-    """A procedure over members of an ensemble, which run in parallel lanes."""
+    """A compiled procedure that runs members of an ensemble in parallel lanes."""
 
     @property
     def lanes(self) -> int:
         """Number of members that run at the same time."""
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+        """Run members, with the arguments `given` by name. Arrays are C-contiguous, of doubles or 64-bit integers.
 
-        The interpreter lock is released.
+        Python's interpreter lock is released meanwhile.
         """
 
 
@@ -311,23 +330,23 @@ class KernelProvider(Protocol):
 
     @property
     def machine(self) -> Machine:
-        """The machine of the kernels."""
+        """The machine for which the kernels are created."""
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity of the system."""
+        """Return the kernel of a quantity of the system, such as "rhs" or "energy"."""
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an interpreted kernel, for a few states: compilation would take longer than the evaluations."""
+        """Return a kernel of a quantity without compilation, which would take longer than a few evaluations."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
-        """Return a kernel that evaluates nodes of the equations' graph from t, q and v."""
+        """Return a kernel that evaluates nodes of the equations' graph from t, q and v. `name` is its name in code."""
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
 
     @property
     def again(self) -> Callable[..., Any]:
-        """Function that makes the model of a statement on the same machine, for pickles and for changed statements.
+        """Function that builds the model of a statement on the same machine, for pickles and for changed statements.
 
-        It also takes the indices of independent constraints, if these are known.
+        Its second argument are the indices of independent constraints, or None if these are unknown.
         """

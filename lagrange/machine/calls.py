@@ -1,4 +1,4 @@
-"""Calls of kernels by a model: quick calls if possible, with a test of the result."""
+"""Calls of kernels by a model: quick calls if possible, and tests of the results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMas
 
 
 class Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, for the parameters of its statement, created on first use.
+    """The quick calls of a model by quantity, for the default parameters, created on first use.
 
     For a quantity without quick calls, both functions return None.
     """
@@ -31,7 +31,7 @@ class Quick(dict[str, QuickCalls]):
 
 
 def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
-    """Return a kernel as a function of a time and one state (2n,), by quick calls if it has them.
+    """Return a kernel as a function of a time and one state (2n,). Quick calls are used if the kernel has them.
 
     The state must be a plain array of doubles. Raises SingularMassMatrix, here and in calls.
     """
@@ -50,20 +50,21 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
     """Return the result of a kernel's quick call at one state.
 
-    Return None without quick calls or if it is not finite.
+    Return None if the kernel has no quick calls or the result is not finite.
     """
     quick = kernel.quick(parameters)
     return None if quick is None else quick.whole(t, y)
 
 
 def nothing(*_: Any) -> None:
-    """Return None, so that the caller evaluates the kernel itself."""
+    """Return None: a quick call that asks the caller to evaluate the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
-    """Return True if a result may be zero at some state. Results of parameters alone are evaluated here.
+    """Return True if a result of a kernel may be zero at some state.
 
-    Testing the results of 100,000 states takes as long as computing those of small systems.
+    Results that depend on parameters alone are evaluated. Testing the results of 100,000 states takes as long as
+    computing them for a small system.
     """
     program = kernel.program
     if any(one.op in ("state", "time") for one in program.instructions):
@@ -73,7 +74,7 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
 
 
 def column_of_zero(kernel: Kernel, t: Any, inputs: Sequence[FloatArray], parameters: FloatArray) -> int | None:
-    """Return the first column with a zero result, or None without zeros. For one state the column is 0."""
+    """Return the index of the first state of a batch with a zero among its results, or None. For one state it is 0."""
     zeros = (kernel.columns(t, [one.reshape(len(one), -1) for one in inputs], parameters) == 0.0).any(axis=0)
     return int(np.argmax(zeros)) if zeros.any() else None
 
@@ -83,9 +84,9 @@ FEW_ENTRIES = 64
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return True if every entry is finite. Return False if one is not, and also if their sum overflows.
+    """Return True if every entry is finite. Return False if an entry is not, or if the sum of a short array overflows.
 
-    Python adds the entries: NumPy would warn of an overflow, and public functions give no warnings.
+    Python adds few entries: NumPy would warn of an overflow, and public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

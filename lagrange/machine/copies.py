@@ -34,11 +34,11 @@ class UnpickledKernel(Shared):
         return self._load(self.program)
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program, as `Kernel` does."""
+        """Return the result of the program for a state (2n,) or many (2n, batch)."""
         return self._kernel(t, y, parameters)
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for every column, as `Kernel` does."""
+        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input."""
         return self._kernel.columns(t, inputs, parameters)
 
     def __getattr__(self, name: str) -> Any:

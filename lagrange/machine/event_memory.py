@@ -37,7 +37,7 @@ TAYLOR_EVENT_ROOM = 4096
 def idle(program: SeriesProgram) -> EventMemory:
     """Return the memory of a run without events.
 
-    With it the driver returns before each step that may cross a switching surface.
+    With this memory the driver returns before each step that may cross a switching surface.
     """
     events = len(program.watched) - program.sides
     return EventMemory(program.states, program.sides, [Reaction()] * events)
@@ -45,15 +45,15 @@ def idle(program: SeriesProgram) -> EventMemory:
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return the relative perturbations of the entries of a state and of the time, (2n + 1,)."""
+    """Return relative perturbations: factors near 1 for the entries of a state and the time, (2n + 1,)."""
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the read-only settings of all watched functions, one after the other for each setting.
+    """Return the read-only settings of all watched functions: for each setting, the values of all functions.
 
-    The entries of the state that resets replace follow.
+    They are followed by the indices of the entries of the state that resets replace.
     """
     own = [
         (one.direction, one.terminal, one.first, len(one.entries), int(one.root), int(one.smooth)) for one in reactions
@@ -65,10 +65,11 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
 
 class EventMemory:
-    """Memory for the watched functions of a run, first `surfaces`, then events, and for the events since the last call.
+    """Memory for a run's watched functions, and for the events found since the last call.
 
-    `values` evaluates the watched functions from the state, the parameters and the sides. `resets` evaluates the new
-    entries of all resets from the state and the parameters (k,).
+    Watched are first the `surfaces` (switching surfaces), then the event functions. `values` evaluates them from the
+    state, the parameters and the sides of the surfaces. `resets` evaluates the new entries of all resets from the state
+    and the parameters (k,).
     """
 
     def __init__(
@@ -100,11 +101,11 @@ class EventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save the present record: every later run by the same driver with the same parameters starts from it."""
+        """Save the present record, from which each later run by the same driver with the same parameters starts."""
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
-        """Prepare another run: no events, and unknown sides."""
+        """Prepare another run: no events, and unknown sides of the surfaces."""
         record, combinations = self._start
         ctypes.memmove(ctypes.addressof(self.record), record, len(record))
         self.combinations[:] = combinations
@@ -112,13 +113,13 @@ class EventMemory:
 
     @property
     def nbytes(self) -> int:
-        """Number of bytes of all arrays."""
+        """Number of bytes of all arrays of the memory."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides of surfaces, and return the index at which their prepared numbers begin.
+        """Set the sides of surfaces, and return the index at which the prepared numbers for these sides begin.
 
-        These numbers are in an array with `size` entries for each combination of sides.
+        The array of numbers has `size` entries for each combination of sides.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -127,7 +128,10 @@ class EventMemory:
         return int(self.record.numbers)
 
     def combination(self, sides: FloatArray) -> int:
-        """Return sides as a binary number. Return -1 for too many surfaces, and for a motion on a surface (side 0)."""
+        """Return sides (1.0 or -1.0) as a binary number. Return -1 for too many surfaces, or if a side is 0.
+
+        A side of 0 means that the motion stays on the surface.
+        """
         if self.surfaces == 0:
             return 0
         if len(sides) > MOST_SURFACES or not (np.abs(sides) == 1.0).all():
@@ -139,7 +143,7 @@ class EventMemory:
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
     def switched(self) -> list[tuple[int, int]]:
-        """Return the changes of sides since the last call, as pairs of a row and the binary number of the new sides."""
+        """Return the changes of sides since the last call: pairs (row of the run, binary number of the new sides)."""
         count, self.record.switches = self.record.switches, 0
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
@@ -149,7 +153,7 @@ class EventMemory:
 
     @property
     def signs(self) -> NDArray[np.int64]:
-        """Sign of each watched function before the next step: its last sign beyond noise, as `roots` defines it."""
+        """Sign of each watched function before the next step: its last sign for a value larger than rounding noise."""
         return self._block(SIGN)
 
     @property
@@ -169,25 +173,26 @@ class EventMemory:
 
     @property
     def due(self) -> list[tuple[int, int]]:
-        """Functions that are zero at the present state, if one of them changes the motion: pairs (index, direction).
+        """Watched functions that are zero at the present state, as pairs (index, direction).
 
-        The index is that of a watched function. The direction of its change of sign is 1, -1, or 0 if it touches zero.
+        The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty unless
+        one of the functions changes the motion.
         """
         places, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
         return list(zip(places.tolist(), directions.tolist(), strict=True))
 
     @property
     def mark(self) -> tuple[int, float, float]:
-        """Identifier of the batch of written events: their number, first time and last time."""
+        """Identifier of the batch of events in memory: number of events, first time and last time."""
         count = self.record.done
         return count, float(self.times[0]), float(self.times[count - 1])
 
     def forget(self) -> None:
-        """Discard the written events, after the caller has copied them."""
+        """Discard the events in memory, after the caller has copied them."""
         self.record.done = self.record.ahead = 0
 
     def written(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return times (k,) and states (k, 2n) of the written events, for each watched function."""
+        """Return times (k,) and states (k, 2n) of the events in memory, a pair for each watched function."""
         count, size = self.record.done, self._dimension
         times, states = self.times[:count], self.states[: count * size].reshape(count, size)
         if self.count == 1:

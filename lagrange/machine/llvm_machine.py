@@ -1,4 +1,4 @@
-"""The LLVM machine: programs become machine code."""
+"""The LLVM machine: programs are compiled to machine code."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
 
 
 class MembersCode:
-    """A procedure over members of an ensemble, compiled for all lanes of a vector."""
+    """A procedure that runs members of an ensemble, compiled with one member in each lane of a vector."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.lanes = lanes()
@@ -53,9 +53,9 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+        """Run members, with the arguments `given` by name. Arrays are C-contiguous, of doubles or 64-bit integers.
 
-        Other threads run meanwhile.
+        Other threads can run meanwhile.
         """
         known = {**given, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
@@ -63,14 +63,14 @@ class MembersCode:
 
 
 def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
-    """Return the layout of the vectors of a step, in whole blocks."""
+    """Return the layout of the vectors of a step in memory, padded to whole blocks. `dimension` is 2n."""
     small = fit(dimension) and not LAWS[step.law].through_memory
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
 
 @lru_cache(maxsize=64)
 def compiled_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[CompiledProcedure, Layout]:
-    """Return the loop over steps and its layout."""
+    """Return the compiled loop over the steps of a method, and its layout in memory. `dimension` is 2n."""
     layout = loop_layout(step, dimension, projected=projected)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
 
@@ -82,7 +82,7 @@ class LlvmMachine:
     name: str = "llvm"
 
     def load(self, program: Program) -> LlvmKernel:
-        """Compile a program. Raises RunError if LLVM refuses it."""
+        """Compile a program to a kernel. Raises RunError if LLVM fails."""
         try:
             return LlvmKernel(program)
         except RuntimeError as error:
@@ -93,11 +93,14 @@ class LlvmMachine:
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Compile the loop over steps, quickly at first."""
+        """Compile the loop over the steps of a method, without optimization at first."""
         return compiled_loop(step, LAWS[step.law].dimension(states), projected)
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel; steps of small states call it in registers."""
+        """Return the address of a kernel.
+
+        With `of_steps` and a small state, the kernel takes the state in registers.
+        """
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -110,13 +113,13 @@ class LlvmMachine:
         return processor()
 
     def members(self, procedure: Procedure) -> MembersCode:
-        """Compile a procedure over members for all lanes of a vector."""
+        """Compile a procedure that runs members, one in each lane of a vector."""
         return MembersCode(procedure)
 
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmStepDense:
-        """Return the dense output for a kind of path, compiled at its first use."""
+        """Return the dense output for a kind of step polynomial, compiled at its first use."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
 
     def event_steps(

@@ -1,4 +1,4 @@
-"""A compiled system: numbers in, numbers out."""
+"""A compiled system: its quantities as functions of numbers."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Model:
 
     @property
     def machine(self) -> Machine:
-        """The machine that runs the kernels."""
+        """The machine (back end) that runs the kernels."""
         return self._made.machine
 
     @property
@@ -102,7 +102,10 @@ class Model:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The inputs by name, the last of the parameters: open given functions u, and their rates such as u_dot."""
+        """Names of the inputs: given functions u without values, and their rates such as u_dot.
+
+        They are the last parameters.
+        """
         return tuple(symbol.name for symbol, _ in self.statement.inputs)
 
     @property
@@ -124,16 +127,16 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel of a law that steps evaluate: a quantity, or a function that also takes multipliers."""
+        """Return the kernel of a function that steps evaluate: a quantity, or one that also depends on multipliers."""
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an interpreted kernel of a quantity, for a few states: compilation would take longer."""
+        """Return a kernel of a quantity that is not compiled, for a few states: compilation would take longer."""
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
     def source(self, name: str) -> str:
-        """Return the Python source of a quantity on the numpy target: a function of one state, and one of columns.
+        """Return the Python source of a quantity on the numpy target: a function of one state, and one of many states.
 
         Names are generated and literals are exact. Raises StatementError for a linear system too large to be printed.
         """
@@ -149,8 +152,8 @@ class Model:
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion on this machine, and its switching surfaces, built at the first use.
 
-        `watched` are nodes of the equations' graph, such as event functions: their series follow those of the surfaces.
-        The last few series are cached. An event with a different constant has a different series.
+        `watched` are nodes of the equations' graph, such as event functions. Their series come after those of the
+        surfaces. The last few series are cached. An event with a different constant has a different series.
         """
         watched = _nodes(watched)
         if watched not in self._series:
@@ -162,7 +165,7 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots of radicands with a fractional power in momenta and forces, as in `square_roots_in`."""
+        """The square roots in momenta and forces, mapped to their radicands, as `square_roots_in` returns them."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
@@ -190,14 +193,17 @@ class Model:
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
 
-        Velocities of coordinates without inertia follow from their equations. Raises StatementError if zeros are given
-        in their place, because y would stay at rest. So do `accelerations`, `jacobian` and `multipliers`.
+        Velocities of coordinates without inertia follow from their equations. If y has zeros instead of them, y would
+        not change: StatementError is raised, here and in `accelerations`, `jacobian` and `multipliers`.
         """
         found = self._quick_rhs(t, y) if parameters is None else None
         return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Return a quick result of the right-hand side or None. The quick call then replaces this method."""
+        """Return the right-hand side by a quick call, or None.
+
+        Later calls use the quick call instead of this method.
+        """
         self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
 
@@ -225,7 +231,7 @@ class Model:
     ) -> FloatArray:
         """Return M = d2L/dv2, (n, n), or (n, n, batch).
 
-        It is free of v for every L quadratic in v. Where it is not, as for the relativistic -m*c*sqrt(c**2 - v**2), v
+        M does not depend on v if L is quadratic in v. If it does, as for the relativistic -m*c*sqrt(c**2 - v**2), v
         must be given, in the shape of q: StatementError names the velocities that M depends on.
         """
         if v is not None:
@@ -263,7 +269,7 @@ class Model:
     def evaluate(
         self, name: str, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> Any:
-        """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
+        """Return the quantity with any name that `kernel` accepts. A batch of states is the last axis of the result."""
         return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
 
     def evaluate_expression(
@@ -277,7 +283,7 @@ class Model:
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return the result of a kernel of this model for states (2n,) or (2n, batch)."""
+        """Return the result of a kernel of this model for states y, (2n,) or (2n, batch)."""
         if not isinstance(kernel, Kernel):
             raise StatementError(f"{shown(kernel)} is not a kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
@@ -287,7 +293,7 @@ class Model:
         return self._values.by_symbol(given)
 
     def parameter_array(self, given: Parameters = None) -> FloatArray:
-        """Return the values of the parameters (k,) in the order that kernels take.
+        """Return the values of the parameters (k,) in the order that kernels expect.
 
         An array (k,) is returned unchanged.
         """
@@ -306,7 +312,7 @@ class Model:
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
         """Return the model of another statement on the same machine.
 
-        `kept` are the indices of its independent constraints.
+        `kept` are the indices of the statement's independent constraints, None if unknown.
         """
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
@@ -316,7 +322,7 @@ class Model:
         return self._made.again(statement, rows)
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity at (t, y), by a quick call for one plain state with the statement's parameters."""
+        """Return a quantity at (t, y). A quick call is used for one plain state with the default parameters."""
         if parameters is None:
             found = self._quick[name].whole(t, y)
             if found is not None:
@@ -324,7 +330,7 @@ class Model:
         return self._run(name, t, self._checked_state(y), parameters)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity at (t, q, v), by a quick call for one plain state with the statement's parameters."""
+        """Return a quantity at (t, q, v). A quick call is used for one plain state with the default parameters."""
         if parameters is None:
             found = self._quick[name].parts(t, q, v)
             if found is not None:
@@ -361,7 +367,7 @@ class Model:
         return result
 
     def _time(self, t: float | ArrayLike, q: FloatArray) -> float | FloatArray:
-        """Return the time for a state q (n,), or the time or times for a batch q (n, batch)."""
+        """Return the time as a float for one state q (n,), or as a float or an array (batch,) for many states."""
         if type(t) is float and math.isfinite(t):
             return t
         if not isinstance(t, (list, tuple)) and not (isinstance(t, np.ndarray) and t.ndim):
@@ -382,21 +388,27 @@ class Model:
 
     @cached_property
     def _alone(self) -> list[int]:
-        """Indices of the coordinates whose acceleration is a plain division: infinite or NaN if the inertia is zero."""
+        """Indices of the coordinates that are coupled to no other: the acceleration is force divided by inertia.
+
+        It is infinite or NaN if the inertia is zero.
+        """
         return [block[0] for block in self.equations.plan.blocks if len(block) == 1]
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The kernel of the inertias of the coordinates in `_alone`. It is printed Python: every run calls it once."""
+        """The kernel of the inertias of the coordinates in `_alone`.
+
+        It is not compiled, because a run calls it only once.
+        """
         return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone)).program)
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
     ) -> int | None:
-        """Return the first column in which a coordinate that is coupled to no other has zero inertia, or None.
+        """Return the index of the first state of a batch in which an uncoupled coordinate has zero inertia, or None.
 
-        For one state, q (n,), this is 0 or None. It explains accelerations that are not finite. If the inertia cancels
-        in their formula, they are finite nevertheless.
+        For one state, q (n,), the result is 0 or None. It explains accelerations that are not finite. If the inertia
+        cancels in the formula of an acceleration, the acceleration is finite nevertheless.
         """
         if not self._alone:
             return None
@@ -411,7 +423,10 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return a message why accelerations do not exist at coordinates q, or at states (2n,) or (2n, batch)."""
+        """Return the message on why accelerations do not exist at coordinates q (n,), or for a batch (n, batch).
+
+        `column` is the index of the state in the batch.
+        """
         q = real_array(q, "q")
         if q.ndim not in (1, 2) or not q.size:
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
@@ -463,7 +478,7 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
 
 @runtime_checkable
 class Stated(Protocol):
-    """Protocol of a system, such as `lagrange.System`."""
+    """Protocol of the class `lagrange.System`, for functions that take a system or build one."""
 
     statement: Statement
 
@@ -479,7 +494,10 @@ class Stated(Protocol):
 
 
 def stated(system: Any, example: str) -> Statement:
-    """Return the statement of a system or a model. Raises StatementError for other objects, with a scene as example."""
+    """Return the statement of a system or a model.
+
+    Raises StatementError for other objects. The message suggests the scene with the name `example`.
+    """
     if not isinstance(system, (Stated, Model)):
         raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")
     return system.statement

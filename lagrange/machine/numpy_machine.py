@@ -1,4 +1,4 @@
-"""The numpy machine, which needs only Python and NumPy."""
+"""The numpy machine: it runs programs without a compiler, with Python and NumPy only."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from lagrange.program.step import LAWS, StepProgram
 
 @lru_cache(maxsize=64)
 def printed_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[PrintedProcedure, Layout]:
-    """Return the loop over steps and its layout, whose vectors are not padded."""
+    """Return the loop over the steps of a method, printed as Python, and its layout, without padding.
+
+    `dimension` is 2n.
+    """
     layout = Layout(step, dimension, block=1, projected=projected)
     return PrintedProcedure(steps_of(layout)), layout
 
@@ -40,11 +43,11 @@ class NumpyMachine:
         return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
-        """Return a series program, which is interpreted."""
+        """Return a series program that is ready to run. Its instructions are interpreted."""
         return NumpySeries(program)
 
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
-        """Print the loop over steps, once per process."""
+        """Print the loop over the steps of a method, once per process."""
         return printed_loop(step, LAWS[step.law].dimension(states), projected)
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
@@ -57,7 +60,7 @@ class NumpyMachine:
 
     @property
     def processor(self) -> str:
-        """The empty string: nothing is compiled."""
+        """The empty string, because no code is compiled."""
         return ""
 
     def members(self, procedure: Procedure) -> None:
@@ -66,7 +69,7 @@ class NumpyMachine:
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyStepDense:
-        """Return the dense output for a kind of path, printed as Python on arrays."""
+        """Return the dense output for a kind of step polynomial, printed as Python on arrays."""
         return NumpyStepDense(kind, kernel, parameters, jacobian)
 
     def event_steps(
@@ -78,4 +81,4 @@ class NumpyMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> None:
-        """Return None: the caller searches events on many steps at once with NumPy, faster than a Python loop."""
+        """Return None: the caller searches many steps at once for events with NumPy, faster than a Python loop."""

@@ -1,4 +1,4 @@
-"""The values of a model's parameters, as users give them and as kernels take them."""
+"""The values of a model's parameters: from the form in which users pass them to the arrays that kernels take."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Their shape is (k,), or (k, batch) with one column for each state.
 
 
 def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
-    """Return the values in the order of the parameters, (k,)."""
+    """Return the values of a mapping as an array (k,), in the order of `parameters`."""
     if tuple(values) == parameters:  # Hashing the symbols would take longer than the rest of this function.
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the columns of parameters for the states with some indices.
+    """Return the columns of the parameters that belong to the states with the indices `states`.
 
-    Parameters that all states share are unchanged.
+    Parameters that all states have in common are unchanged.
     """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
@@ -46,7 +46,7 @@ def by_parameters(
 ) -> FloatArray:
     """Return the results of `call(t, (q, v), parameters)` for states (2n, batch) with parameters (k, batch).
 
-    States with equal parameters (k,) are evaluated in one call.
+    States with equal parameters (k,) are evaluated together in one call.
     """
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:
@@ -65,7 +65,7 @@ def by_parameters(
 
 
 def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
-    """Return parameters in which inputs without a value are 0."""
+    """Return the parameters, with 0 for each input (open given function) that has no value."""
     if isinstance(given, np.ndarray) or not statement.inputs:
         return given
     stated = table_of(given, "parameters", "parameter to value")
@@ -74,7 +74,7 @@ def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
 
 
 class ParameterValues:
-    """The parameters of a statement: its defaults, replaced by the values that a user passes."""
+    """The parameters of a statement: defaults, and the values that a user passes in their place."""
 
     def __init__(self, statement: Statement) -> None:
         self._statement = statement
@@ -132,5 +132,5 @@ class ParameterValues:
         return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]
 
     def _may_be_negative(self, values: list[float]) -> bool:
-        """Return True if no parameter that must not be negative is negative."""
+        """Return True if the parameters that must not be negative have values of at least zero."""
         return all(values[i] >= 0.0 for i in self._positive)

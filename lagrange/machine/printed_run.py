@@ -1,4 +1,4 @@
-"""Procedures printed as Python, called like those in machine code."""
+"""Procedures printed as Python, called in the same way as those in machine code."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class PrintedProcedure(Shared):
         self.function = loaded(procedure)
 
     def bound(self) -> PrintedCall:
-        """Return memory for the arguments of calls."""
+        """Return memory for arguments, with which the procedure can be called again and again."""
         return PrintedCall(self)
 
     def __call__(self, *args: Any) -> Any:
-        """Return None, a value or a tuple of values, for arguments in the order of the parameters."""
+        """Run the procedure with arguments in the order of its parameters; return None, a value or several values."""
         return self.function(*[arg.data if isinstance(arg, np.ndarray) else arg for arg in args])
 
 
 class PrintedCall:
-    """Arguments of a printed procedure, which are set by name, and calls with them."""
+    """Memory for the arguments of a printed procedure; calling the object runs the procedure with these arguments."""
 
     is_final = True
 
@@ -43,14 +43,14 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are shared, None stands for no array and no function."""
+        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
         for name, value in arguments.items():
             if name in self._arguments:
                 flat = value.reshape(-1).data if isinstance(value, np.ndarray) else value
                 self._arguments[name] = EMPTY if flat is None else flat
 
     def __call__(self) -> Any:
-        """Return None, a value or a tuple of values."""
+        """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
         with np.errstate(all="ignore"):
             return self.code.function(*self._arguments.values())
 
@@ -66,7 +66,7 @@ def called(procedure: Procedure) -> PrintedProcedure:
 
 
 def between_arrays(kernel: Kernel) -> Any:
-    """Return a kernel as the function between arrays that procedures call. It returns True for a singular matrix."""
+    """Return a kernel as a function on arrays that procedures call. The function returns True for a singular matrix."""
     states, count = kernel.program.states, kernel.program.parameters
 
     def evaluate(t: float, y: memoryview, numbers: memoryview, out: memoryview) -> bool:

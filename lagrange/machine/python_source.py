@@ -64,7 +64,7 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
 
 
 def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any]:
-    """Return the function `name` that printed source defines. `names` are the global names that the source uses."""
+    """Return the function `name` that the source `text` defines. `names` are the global names that the source uses."""
     known = dict(names)
     exec(compile(text, f"<{name}>", "exec"), known)
     made: Callable[..., Any] = known[name]
@@ -132,7 +132,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Print the definition of a result, and return its new name."""
+        """Print the definition of a result with the id `ref`, and return its new name."""
         self.types[ref] = kind
         return self.name(ref)
 

@@ -1,4 +1,4 @@
-"""The state of a run as a driver advances it, with its counts."""
+"""The state of a run while a driver advances it, with its counts."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ OUTCOMES = tuple(Outcome)
 class Outputs:
     """The states at output times (k,), sorted in the direction of the run. Taylor drivers write them during the run.
 
-    The last entry of `times` is followed by NaN. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines write
-    blocks.
+    The last output time in `times` is followed by NaN. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines
+    write blocks.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
@@ -33,9 +33,9 @@ class Outputs:
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
-        """Write the states at output times before `end`, for a stretch of the run without series.
+        """Write the states at output times before `end`, for a part of the run that was not made by Taylor steps.
 
-        `path` maps times (k,) to states (2n, k).
+        `direction` is 1.0 or -1.0, the sign of the run's steps. `path` maps times (k,) to states (2n, k).
         """
         rest = self.times[self.record.done : -1]
         count = int(np.count_nonzero((rest - end) * direction < 0))
@@ -46,9 +46,9 @@ class Outputs:
     def joined(
         self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return states (2n, k) at the first k output times.
+        """Return the states (2n, k) at the first k output times, which are `times` (k,).
 
-        `path` computes states (2n, k) at times that are not written.
+        States not written yet are computed by `path`, which maps times to states.
         """
         done, count = self.record.done, len(times)
         if done < count:
@@ -97,9 +97,9 @@ class DriverState:
         step: float,
         share: float = 0.0,
     ) -> None:
-        """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0.
+        """Begin at (t, y) towards `end`. `step` is the signed step of a fixed-step method, or a first step, or 0.
 
-        `atol` is the initial floor of every entry.
+        `rtol` is the relative tolerance, `atol` the initial floor of every entry, and `share` is SHARE.
         """
         self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST_VECTOR))
         self.reals[self.FLOORS :] = 1.0
@@ -125,7 +125,7 @@ class DriverState:
         self.kept = 0
 
     def records(self) -> dict[str, Any]:
-        """Return the arguments of procedures that advance the run: its numbers, its counts, and its floors."""
+        """Return the arguments of procedures that advance the run, by name: its numbers, its counts, and its floors."""
         run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
         return {"run": run, "counts": counts, "floors": self.floors}
 
@@ -137,7 +137,10 @@ class DriverState:
         step: float,
         longest: float,
     ) -> None:
-        """Begin another run by the same driver, over a span from y; `first` are the initial `reals` of a run."""
+        """Begin another run by the same driver, over `span` (start, end) from the state y.
+
+        `first` are the initial `reals` of a run, `step` the first step, and `longest` bounds the size of steps.
+        """
         reals, floats = self.reals, self.floats
         reals[:] = first
         floats[self.T], floats[self.END] = span
@@ -149,7 +152,7 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Reset the record of a former run by series, for code that reads it before the driver begins."""
+        """Reset the record of Taylor steps of a former run, for code that reads it before the driver begins."""
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
         taylor.rescalings = taylor.failures = taylor.inspect = 0
@@ -165,5 +168,5 @@ class DriverState:
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:
-        """Return one of the counts, by its index."""
+        """Return the count with the index `which`."""
         return int(self.integers[which])

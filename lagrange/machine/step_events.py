@@ -1,4 +1,4 @@
-"""The memory of a run by a step program with events. The loop over steps and the search for events share it."""
+"""Memory of a run with events by a step program. The loop over steps and the search for events share it."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Reaction(NamedTuple):
 
 
 class StepFunction(NamedTuple):
-    """A compiled function that takes steps, as `TAKE_STEPS` describes: its address and its first argument, `words`.
+    """A compiled function that takes steps, of the type `TAKE_STEPS`: its address and its first argument, `words`.
 
-    `work` is its working array, in which the state is at the indices `entries`.
+    `work` is its working array. The state is in `work` at the indices `entries`.
     """
 
     address: int
@@ -50,10 +50,10 @@ class StepFunction(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """Events that machine code found since the last call: index `which`, times `when` (k,) and states `there` (k, 2n).
+    """Events found since the last call: indices `which` of event functions, times `when` (k,), states `there` (k, 2n).
 
     `rows` are the rows after which the motion changes and another smooth piece begins. `times` (m,) and `states` (m,
-    2n) are the ends of the steps that were shortened there; the time is NaN if the step was not.
+    2n) are the ends of the steps that were shortened at these rows. The time is NaN for a step that was not shortened.
     """
 
     which: WholeArray
@@ -65,9 +65,10 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """Memory of a run with events, for states of a `size`; see `EventRun`, `Review` and `ReviewedEvents`.
+    """Memory of a run with events, for states with `size` entries: records and arrays of the compiled loop.
 
-    Steps that are not reviewed yet are rows of `times` and `states` from row 1 on. Row 0 is the state before them.
+    Steps not yet searched for events ("reviewed") are rows of `times` and `states` from row 1 on. Row 0 is the state
+    before them.
     """
 
     def __init__(self, size: int, reactions: Sequence[Reaction]) -> None:
@@ -91,7 +92,7 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save the present records as the start of every run."""
+        """Save the present records, from which each later run by the same driver starts."""
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
@@ -102,7 +103,7 @@ class StepEventMemory:
 
     @property
     def nbytes(self) -> int:
-        """Number of bytes of all arrays."""
+        """Number of bytes of all arrays of the memory."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
@@ -115,17 +116,17 @@ class StepEventMemory:
 
     @property
     def waits(self) -> bool:
-        """True if some steps are not reviewed yet."""
+        """True if some steps are not yet searched for events."""
         return bool(self.run.begin <= self.run.count)
 
     @property
     def taken(self) -> int:
-        """Number of accepted steps of the run when the steps to be reviewed began."""
+        """Number of accepted steps of the run before the steps that are not yet searched for events."""
         return int(self.kept_counts[DriverState.STEPS])
 
     @property
     def reviewed(self) -> int:
-        """Number of steps of the run that are reviewed."""
+        """Number of steps of the run that are searched for events."""
         return self.taken + int(self.run.begin) - 1
 
     def happened(self) -> Happened:
@@ -138,7 +139,10 @@ class StepEventMemory:
 
 
 class EventSteps(Protocol):
-    """Takes steps of a driver and finds the events on them."""
+    """Protocol of a callable that takes steps of a driver and finds the events on them."""
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run. Return an `Outcome`, or the code `LOOK` or `READ_EVENTS` of the loop in `event_steps`."""
+        """Advance a run; write accepted times and states to `times` and `rows`. Return the reason for stopping.
+
+        The reason is an `Outcome`, or the code `LOOK` or `READ_EVENTS` of the loop in `event_steps`.
+        """

@@ -1,4 +1,4 @@
-"""Dense output of the numpy machine: the procedures that machine code runs, printed as Python on NumPy's arrays."""
+"""Dense output of the numpy machine: the same procedures as in machine code, printed as Python on NumPy's arrays."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
 
 
 class NumpyDense(ABC):
-    """Common part of all dense output: polynomials of many steps, and their evaluation; see `DensePath`."""
+    """Common part of every dense output (`DensePath`) of this machine: polynomials of steps, and their evaluation."""
 
     @property
     @abstractmethod
@@ -52,7 +52,7 @@ class NumpyDense(ABC):
     @property
     @abstractmethod
     def both(self) -> bool:
-        """True if the callback also needs the neighbouring steps."""
+        """True if the polynomials also depend on the neighbouring steps."""
 
     @abstractmethod
     def size(self, columns: int) -> int:
@@ -60,10 +60,13 @@ class NumpyDense(ABC):
 
     @abstractmethod
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of `columns` steps to `out`; see `POLYNOMIAL`."""
+        """Write the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`.
+
+        `own` are the steps of the block, `beside` the neighbouring steps, and `work` is working memory.
+        """
 
     def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of steps; see `DensePath`."""
+        """Return the callback that writes the polynomials of a block of steps."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
             own, beside, work, out = (
@@ -74,7 +77,7 @@ class NumpyDense(ABC):
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of some steps; see `DensePath`."""
+        """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`."""
         coefficients = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), STEPS_PER_BLOCK):
             part = slice(low, low + STEPS_PER_BLOCK)
@@ -82,7 +85,7 @@ class NumpyDense(ABC):
         return coefficients
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at sorted times; see `DensePath`."""
+        """Write the states at the times `wanted` (K,), sorted in the direction of the run, to `out` (2n, K)."""
         sign = 1.0 if times[-1] >= times[0] else -1.0
         step_of = np.searchsorted(sign * times, sign * wanted, side="right") - 1
         step_of = np.clip(step_of, 0, len(times) - 2)
@@ -99,7 +102,7 @@ class NumpyDense(ABC):
                 out[:, part][:, exact] = states[rows[exact]].T
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of one block of steps, (degree + 1, 2n, K)."""
+        """Return the polynomial coefficients (degree + 1, 2n, K) of a block of K steps."""
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
         own, beside = _gathered(times, states, steps), np.empty(0)
@@ -114,7 +117,7 @@ class NumpyDense(ABC):
 
 @dataclass(frozen=True, eq=False)
 class NumpyStepDense(NumpyDense):
-    """The dense output of a kind of path for one right-hand side and one set of parameters."""
+    """The dense output of a method's steps for one right-hand side and one set of parameters."""
 
     kind: StepPolynomial
     kernel: Kernel
@@ -128,20 +131,20 @@ class NumpyStepDense(NumpyDense):
 
     @property
     def degree(self) -> int:
-        """The degree of the polynomials of this kind."""
+        """The degree of the polynomials of this kind of step."""
         return self.kind.degree
 
     @property
     def both(self) -> bool:
-        """True if the kind of path uses the slopes of neighbouring steps."""
+        """True if the polynomials use the slopes of neighbouring steps."""
         return self.kind.derivative
 
     def size(self, columns: int) -> int:
-        """Return the number of doubles of working memory."""
+        """Return the number of doubles of working memory for a block of `columns` steps."""
         return self.kind.size(self.dimension, columns)
 
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials by the printed procedure; see `NumpyDense`."""
+        """Write the polynomials of a block of `columns` steps to `out`, by the printed procedure."""
         kind, jacobian = self.kind, self.jacobian
         law = _by_columns(self.kernel, self.parameters)
         derivative = None if jacobian is None else _by_columns(jacobian, self.parameters)
@@ -154,13 +157,16 @@ class NumpyStepDense(NumpyDense):
 
 
 def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
-    """Write the polynomials of a block of Taylor steps; `width` is the length of a row. See `NumpyDense.write`."""
+    """Write the polynomials of a block of Taylor steps. `jet` computes the series; `width` is the length of its rows.
+
+    `arrays` are the arrays of `NumpyDense.write`: `own`, `beside`, `work` and `out`.
+    """
     write = _loaded(series_polynomial.form(), by_arrays=True)
     write(jet, None, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
-    """Return a kernel as the callback over columns that procedures call. Singular columns get NaN."""
+    """Return a kernel as a callback on many states that procedures call. Results at a singular mass matrix are NaN."""
     half = kernel.program.states // 2
 
     def evaluate(count: int, t: Any, q: Any, v: Any, _: Any, out: Any) -> int:
@@ -173,7 +179,10 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
 
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
-    """Write the inverse of each column's matrix after its rows, or NaN if it is singular; see `INVERT`."""
+    """Write the inverse of each column's matrix after the matrix itself, or NaN if the matrix is singular.
+
+    `a` has shape (order, 2 order, columns), as one array; `INVERT` describes the callback.
+    """
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
     try:
@@ -191,7 +200,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the results of columns; those with a singular mass matrix are NaN."""
+    """Return the results of a kernel for many states, NaN at a singular mass matrix."""
     try:
         return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
@@ -203,7 +212,10 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return steps of a run as columns, in the layout of `OwnStep`."""
+    """Return steps of a run as a block with one column for each step, in the layout of `OwnStep`.
+
+    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 for the step itself.
+    """
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))
     rows = block.reshape(-1, count)

@@ -2,8 +2,8 @@
 
     void polynomial(ptr given, i64 columns, ptr own, ptr beside, ptr work, ptr out)
 
-writes the polynomials of a block of steps, see `POLYNOMIAL`; `given` are the addresses and numbers of the kind of path.
-One function evaluates all kinds of polynomials: it calls this one by its address.
+writes the polynomials of a block of steps in the layout of `POLYNOMIAL`. `given` are addresses and numbers that depend
+on the kind of step. One function evaluates all kinds of polynomials: it calls `polynomial` by its address.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from lagrange.procedure.form import Procedure
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return a procedure that writes polynomials, in the uniform signature of the function `polynomial`."""
+    """Return the module of a procedure that writes polynomials, called through the function `polynomial`."""
     own = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
@@ -48,7 +48,7 @@ def compiled_polynomial(procedure: Procedure) -> Module:
 
 @cache
 def inversion() -> Module:
-    """Return the module that inverts the matrices of columns, compiled once per process."""
+    """Return the module that inverts a matrix for each of many states, compiled once per process."""
     return Module(module([invert_columns.form()]), merge=True)
 
 
@@ -58,7 +58,7 @@ def _module(procedure: Procedure, entry: str) -> Module:
 
 
 class LlvmDense(ABC):
-    """Common part of all dense output: polynomials of many steps, and their evaluation; see `DensePath`."""
+    """Common part of every dense output (`DensePath`) of this machine: polynomials of steps, and their evaluation."""
 
     @property
     @abstractmethod
@@ -75,7 +75,7 @@ class LlvmDense(ABC):
         """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of some steps; see `DensePath`."""
+        """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`."""
         n, count = self.dimension, len(steps)
         if (written := self._written()) is None:
             return np.full((self.degree + 1, n, count), np.nan)
@@ -88,7 +88,7 @@ class LlvmDense(ABC):
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at sorted times; see `DensePath`."""
+        """Write the states at the times `wanted` (K,), sorted in the direction of the run, to `out` (2n, K)."""
         if (written := self._written()) is None:
             out[:] = np.nan
             return
@@ -107,7 +107,10 @@ class LlvmDense(ABC):
     def _run(
         self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **own: Any
     ) -> None:
-        """Run a procedure for all kinds of paths, compiled once per process. `own` are its further arguments."""
+        """Run a procedure on the steps of a run. `written` writes their polynomials, `own` are further arguments.
+
+        The procedure serves all kinds of steps, and is compiled once per process.
+        """
         n = self.dimension
         given = {
             "polynomial": written.function,
@@ -130,7 +133,7 @@ class LlvmDense(ABC):
 
 @dataclass(frozen=True, eq=False)
 class LlvmStepDense(LlvmDense):
-    """The dense output of a kind of path for one right-hand side and one set of parameters."""
+    """The dense output of a method's steps for one right-hand side and one set of parameters."""
 
     kind: StepPolynomial
     kernel: LlvmKernel
@@ -144,11 +147,11 @@ class LlvmStepDense(LlvmDense):
 
     @property
     def degree(self) -> int:
-        """The degree of the polynomials of this kind."""
+        """The degree of the polynomials of this kind of step."""
         return self.kind.degree
 
     def polynomial(self) -> BlockPolynomial:
-        """Return the callback with the addresses of the kernels; see `LlvmDense`."""
+        """Return the callback that writes the polynomials of a block of steps, with the addresses of the kernels."""
         kind, n = self.kind, self.dimension
         code = compiled_polynomial(kind.procedure)
         kept: list[Any] = [code, kind.table]
@@ -166,7 +169,10 @@ class LlvmStepDense(LlvmDense):
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
-    """Return the callback for Taylor steps. `jet` is the address of the series, and `numbers` are its arrays."""
+    """Return the callback that writes the polynomials of Taylor steps.
+
+    `jet` is the address of the series. `numbers` are its arrays: prepared parameters and constants.
+    """
     code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
     places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
     given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)

@@ -31,10 +31,13 @@ class SteppingDriver(Protocol):
     """Protocol of a driver in machine code whose step function another compiled loop calls."""
 
     def function(self, state: DriverState) -> StepFunction:
-        """Return the compiled function that takes the driver's steps of a state."""
+        """Return the compiled function that takes the driver's steps, starting from a state."""
 
     def count(self, steps: int) -> None:
-        """Count accepted steps. After many steps the code is compiled again with optimization."""
+        """Report that `steps` more steps were accepted.
+
+        After many steps the code is compiled again with optimization.
+        """
 
 
 class LlvmEventSteps:
@@ -94,7 +97,10 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run as `EventSteps` describes, and return the code of the reason for the return."""
+        """Advance a run by steps and search them for events.
+
+        Return a code for the reason of the return, as `EventSteps` does.
+        """
         if memory is not self._memory:
             self._memory = memory
             self._call.give(**_of_memory(memory))
@@ -111,12 +117,12 @@ class LlvmEventSteps:
 
 
 def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
-    """Return the arguments of the loop that are arrays and records of the run's memory."""
+    """Return the arguments of the loop that are arrays and records of the run's memory, by name."""
     arrays = {name: getattr(memory, name) for name in STANDING}
     return {**arrays, "review": memory.review, "event_run": memory.run}
 
 
 @lru_cache(maxsize=64)
 def _compiled(program: Program) -> LlvmKernel:
-    """Return a program in machine code, cached for other runs."""
+    """Return the kernel of a program in machine code, cached for other runs."""
     return LlvmKernel(program)

@@ -1,1 +1,1 @@
-"""Right-hand sides and other programs of one state or many, interpreted and in machine code."""
+"""Kernels: right-hand sides and other programs for one state or many, interpreted and in machine code."""

@@ -1,4 +1,4 @@
-"""The operations of a program on NumPy's doubles, or in another arithmetic with its own table of functions."""
+"""Evaluation of a program with NumPy's doubles, or with another number type and its own table of functions."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 class Arithmetic:
     """A number type: the function for each operation of a program, and the conversion from a double.
 
-    `systems` has the functions `factor` and `solve`, which take the size of the matrix and the operands, if the
-    arithmetic supports linear systems.
+    `systems` has the functions `factor` and `solve` for linear systems, if the number type supports them. They take the
+    size of the matrix and the operands.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -43,7 +43,7 @@ class Arithmetic:
     def evaluate(
         self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
     ) -> list[Any]:
-        """Return the outputs of a program, as a list, at a time, an input vector and parameters."""
+        """Return the outputs of a program, as a list, at time `t`, for the inputs `y` and the parameters."""
         values: list[Any] = []
         for op, args, place, value, order, _ in program.instructions:
             if op == "state":

@@ -1,4 +1,4 @@
-"""A program, and the loop that interprets it with one array operation per instruction: the readable reference."""
+"""A kernel that interprets a program with one array operation for each instruction: the readable reference."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from lagrange.program.program import Program
 
 @dataclass(frozen=True)
 class InterpretedKernel:
-    """A program, evaluated instruction by instruction."""
+    """A kernel that evaluates a program instruction by instruction."""
 
     program: Program
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program, as `Kernel` does."""
+        """Return the result of the program for a state (2n,) or many (2n, batch)."""
         return self._rows(t, y, y.shape[1:], parameters)
 
     def quick(self, parameters: FloatArray) -> None:
-        """Return None: there are no quick calls."""
+        """Return None: this kernel has no quick calls."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for every column, as `Kernel` does."""
+        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input."""
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(
@@ -54,7 +54,10 @@ def _matrix(n: int, *lower: Any) -> FloatArray:
 
 
 def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
-    """Return the solution (n,) or (n, batch) by Gaussian elimination with partial pivoting of scaled entries."""
+    """Return the solution (n,) or (n, batch) of matrix * x = right, by Gaussian elimination of the scaled matrix.
+
+    Rows are exchanged to obtain large pivots.
+    """
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
     whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
     a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
@@ -84,8 +87,8 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 def _scale(a: FloatArray) -> FloatArray:
     """Return the scale factors (n, k) of rows and columns of k symmetric matrices (n, n, k).
 
-    They are those of `lagrange.algorithm.linear.pivoted`. If a matrix is not definite they are powers of two, so that
-    scaling does not round.
+    The factors are the same as in `lagrange.algorithm.linear.pivoted`. If a matrix is not definite they are powers of
+    two, so that scaling does not round.
     """
     diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)
@@ -102,7 +105,7 @@ def _scale(a: FloatArray) -> FloatArray:
 def _check_pivot(pivot: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
     """Raise SingularMassMatrix for a pivot that is zero within rounding errors.
 
-    Matrices that are not finite are skipped.
+    Matrices that are not `finite` are skipped. `columns` is the shape of the batch.
     """
     singular = finite & (np.abs(pivot) <= PIVOT)
     if singular.any():

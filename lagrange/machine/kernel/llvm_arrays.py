@@ -240,7 +240,7 @@ MOST_STATE = 4096
 
 
 class _MethodEntry(ctypes.Structure):
-    """An entry of `PyMethodDef`."""
+    """An entry of Python's C structure `PyMethodDef`."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -251,7 +251,7 @@ class _MethodEntry(ctypes.Structure):
 
 
 class _Record(np.ndarray[Any, Any]):
-    """The record of a function, with references to all objects whose addresses it holds."""
+    """Memory that a function in machine code reads, with references to all objects whose addresses it contains."""
 
     kept: tuple[Any, ...]
 
@@ -259,9 +259,10 @@ class _Record(np.ndarray[Any, Any]):
 def quick_calls(
     kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tuple[int, ...]
 ) -> QuickCalls | None:
-    """Return the quick calls of a scalar kernel, or None if objects do not have the expected layout.
+    """Return the quick calls of a kernel for one state, or None if Python's objects do not have the expected layout.
 
-    `kernel` is the module and the address of the function in it.
+    `kernel` is the module and the address of the function in it. `prepared` has the parameters and all values that
+    depend on them alone. `size` is the length of a state, and `shape` is that of the result.
     """
     return None if size > MOST_STATE or not _as_documented() else _made(kernel, prepared, size, shape)
 

@@ -1,4 +1,4 @@
-"""A program in machine code, called through ctypes; the kernel over columns is compiled at its first call."""
+"""A program in machine code, called through ctypes. The kernel for many states is compiled at its first call."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, cty
 
 
 class LlvmKernel(Shared):
-    """A program in machine code. Calls release the interpreter lock; threads may share a kernel."""
+    """A kernel in machine code. Calls release the interpreter lock; threads may share a kernel."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -60,25 +60,28 @@ class LlvmKernel(Shared):
 
     @property
     def program(self) -> Program:
-        """The program of this kernel."""
+        """The program that this kernel computes."""
         return self._program
 
     @property
     def ir(self) -> str:
-        """The LLVM IR of the scalar kernel."""
+        """The LLVM IR of the kernel for one state."""
         return self._module.ir
 
     @property
     def address(self) -> int:
         """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
 
-        `prepared` is the result of `prepare`. The return value is 1 if the mass matrix is singular, else 0.
+        `prepared` is the array that `prepare` returns. The return value is 1 if the mass matrix is singular, else 0.
         """
         return self._address
 
     @property
     def prepare_address(self) -> int:
-        """Address of ``int32_t f(double *prepared)``, which writes values of parameters alone after the parameters."""
+        """Address of ``int32_t f(double *prepared)``, which writes all values that depend on parameters alone.
+
+        They follow the parameters in the array `prepared`.
+        """
         return self._module.address(f"{self._program.name}_prepare")
 
     @property
@@ -94,7 +97,10 @@ class LlvmKernel(Shared):
 
     @property
     def columns_address(self) -> int:
-        """Address of the kernel over columns. Its arguments: count, times, inputs, `prepared`, results."""
+        """Address of the kernel for many states.
+
+        Its arguments: number of states, times, inputs, `prepared`, results.
+        """
         module, _ = self._column_kernel
         return module.address(f"{self._program.name}_columns")
 
@@ -112,7 +118,7 @@ class LlvmKernel(Shared):
         return prepared
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program, as `Kernel` does."""
+        """Return the result of the program for a state (2n,) or many (2n, batch)."""
         if y.ndim > 1:
             return self.columns(t, self._split(y), parameters)
         prepared = self.prepare(parameters)
@@ -123,7 +129,10 @@ class LlvmKernel(Shared):
         return out
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls, or None for long programs. They keep the interpreter lock for some microseconds."""
+        """Return quick calls, or None for long programs.
+
+        Quick calls keep the interpreter lock for some microseconds.
+        """
         if len(self._program.instructions) > SHORT_PROGRAM:
             return None
         prepared, known = self.prepare(parameters), self._quick
@@ -133,9 +142,9 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for every column, as `Kernel` does.
+        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input.
 
-        The last block is filled with copies of the last column.
+        The last block of states is filled up with copies of the last state.
         """
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
@@ -157,7 +166,7 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return the index of the first singular column of a block. Each column is evaluated alone."""
+        """Return the index of the first state of a block with a singular mass matrix. Each state is evaluated alone."""
         out = np.empty(self._program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])
@@ -177,7 +186,10 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
-        """The module and its function as one value: threads that compile concurrently each use a matching pair."""
+        """Module of the kernel for many states, and its function, as one value.
+
+        So threads that compile at the same time each use a module and a function that belong together.
+        """
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
@@ -185,7 +197,7 @@ class LlvmKernel(Shared):
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:
-    """Return the rows as contiguous doubles with `count` columns. The last column is repeated as often as needed."""
+    """Return an array as contiguous doubles with `count` columns. The last column is repeated as often as needed."""
     if array.shape[1] != count:
         array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
     return np.ascontiguousarray(array, dtype=float)

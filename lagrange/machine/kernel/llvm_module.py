@@ -12,7 +12,8 @@ costs some ten cycles each way, as long as the call itself, because a block of c
 slowest of its entries. A right-hand side returns only the accelerations, `Program.returned`.
 
 The last function takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], each input of the
-program as [size][count], out[size][count]. It returns the first column with a singular matrix, or -1.
+program as [size][count], out[size][count]. It returns -1, or the first column of the block of lanes that contains a
+singular matrix.
 """
 
 from __future__ import annotations
@@ -52,17 +53,23 @@ column that needs pivoting is evaluated again alone.
 
 
 def fit(dimension: int) -> bool:
-    """Return True if kernels and steps pass states of that dimension in registers."""
+    """Return True if kernels and steps pass states of this dimension in registers."""
     return dimension <= MOST_IN_REGISTERS
 
 
 def in_registers(program: Program) -> bool:
-    """Return True if a program has a kernel in registers: steps call it, and its state is small."""
+    """Return True if a program has a kernel that takes its state in registers.
+
+    This is so if steps call the program and its state is small.
+    """
     return bool(program.returned) and fit(program.states)
 
 
 def solves(program: Program) -> bool:
-    """Return True if a program may call the solver of dense systems. Small systems call it only if a pivot fails."""
+    """Return True if a program has linear systems, and so may call the solver of dense systems.
+
+    Small systems call it only if a pivot fails.
+    """
     return any(instruction.op in SYSTEMS for instruction in program.instructions)
 
 
@@ -74,18 +81,18 @@ class KernelCode:
 
     @cached_property
     def prepared(self) -> PreparedLayout:
-        """The indices of saved results after the parameters."""
+        """The layout of the values that depend on parameters alone, which are saved after the parameters."""
         return PreparedLayout.of([self.program], LARGEST_IN_LINE)
 
     @cached_property
     def prepare(self) -> Procedure:
-        """The procedure that computes saved results."""
+        """The procedure that computes the values that depend on parameters alone."""
         about = f"Prepare {self.program.name}."
         return prepare(self.prepared, about, name=f"{self.program.name}_prepare", in_place=True, style=SCALAR)
 
     @cached_property
     def scalar(self) -> tuple[Procedure, ...]:
-        """The kernel for one state. If the program has a kernel in registers, that one comes first."""
+        """The procedures for one state. If the program has a kernel in registers, this kernel comes first."""
         program, prepared = self.program, self.prepared
         if not in_registers(program):
             return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
@@ -108,7 +115,7 @@ class KernelCode:
         return joined([first, *made], [declaration(one) for one in self.called])
 
     def column_module(self, lanes: int) -> str:
-        """Return the IR of the kernel over columns."""
+        """Return the IR of the kernel for many states, with `lanes` states in a vector."""
         quickly, by_value = lanes > 1, self._in_lanes(lanes) if lanes > 1 else None
         alone = [function(one, hidden=True, outside=self.scalar, quickly=quickly) for one in self.scalar]
         called = [] if by_value is None else [function(one, hidden=True) for one in by_value.callees]
@@ -117,12 +124,12 @@ class KernelCode:
 
     @cached_property
     def _places(self) -> list[int]:
-        """Indices of the outputs that a kernel over columns computes. All other outputs are zero."""
+        """Indices of the outputs that the kernel for many states computes. All other outputs are zero."""
         cleared = cleared_outputs(self.program)
         return [k for k in range(len(self.program.outputs)) if k not in cleared]
 
     def _in_lanes(self, lanes: int) -> Procedure:
-        """Return the kernel for `lanes` columns, whose arguments and results are vectors."""
+        """Return the kernel for `lanes` states at once, whose arguments and results are vectors."""
         outputs = [self.program.outputs[k] for k in self._places]
         by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
         signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in by_value.parameters)
@@ -130,11 +137,11 @@ class KernelCode:
 
     @property
     def _bases(self) -> list[str]:
-        """The pointer arguments of a kernel over columns: times, and one for each input."""
+        """The names of the pointer arguments of the kernel for many states: times, and one for each input."""
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
-        """Return the IR of a function that evaluates a single column."""
+        """Return the IR of a function that evaluates one of many states."""
         e, name, program = Emitter(), self.program.name, self.program
         state, out = e.reserve("double", program.states), e.reserve("double", len(program.outputs))
         first = 0
@@ -165,9 +172,10 @@ class KernelCode:
         return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
 
     def _block(self, e: Emitter, i: str, lanes: int, given: str, by_value: Procedure) -> None:
-        """Emit the evaluation of `lanes` columns from column `i` on.
+        """Emit the evaluation of `lanes` states from the state with index `i` on.
 
-        Columns that need pivoting are evaluated again alone.
+        `given` are the arguments of the kernel as IR, and `by_value` is its procedure. States whose matrix needs
+        pivoting are evaluated again one by one.
         """
         program = self.program
         kind = f"<{lanes} x double>"
@@ -188,7 +196,7 @@ class KernelCode:
 
 
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
-    """Print the statements of a procedure in lanes inside another function, and return its results as vectors.
+    """Print the statements of a procedure in lanes into another function, and return its results as vectors.
 
     The procedure must have a single return, at its end.
     """
@@ -206,17 +214,17 @@ def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[s
 
 
 def _leave_if(e: Emitter, status: str, column: str) -> None:
-    """Emit an early return from a kernel over columns, taken if a status reports a singular matrix."""
+    """Emit an early return of `column` from a kernel for many states, taken if `status` reports a singular matrix."""
     with e.when(e.value(f"icmp ne i32 {status}, 0")):
         e.do(f"ret i64 {column}")
         e.label(e.fresh("never"))
 
 
 def _row(e: Emitter, place: int, column: str) -> str:
-    """Return the index of entry `place` of a column in a C-ordered array of all columns."""
+    """Return the index of entry `place` of a state in a C-ordered array with one column for each state."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {place}')}, {column}") if place else column
 
 
 def _at(e: Emitter, k: str) -> str:
-    """Return the index of entry k in the arrays of the current column."""
+    """Return the index of entry k of the current state in an array with one column for each state."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")

@@ -1,8 +1,8 @@
-"""A program printed as Python: floats for one state, NumPy rows for blocks of many.
+"""A kernel printed as Python: on floats for one state, on NumPy rows for blocks of many states.
 
-Python raises for operations such as sqrt(-1.0) or 1/0.0. Then, and if a pivot of the mass matrix is too small, the
-program is interpreted instead. The interpreter returns the correct infinities and NaNs, pivots, and names singular
-columns.
+Python raises for operations such as sqrt(-1.0) or 1/0.0. In this case, and if a pivot of the mass matrix is too small,
+the program is interpreted instead. The interpreter returns the correct infinities and NaNs, exchanges rows, and names
+the states with a singular matrix.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ CHECKS: dict[str, Any] = {
 def tangents_are_fast() -> bool:
     """Return True if NumPy computes tangents with vectors of eight doubles, but not sines and cosines.
 
-    Then a tangent takes 1.5 ns and a sine 3 to 11 ns. On other processors all take as long as in the C library. NumPy
-    has such tangents on Linux only. Versions before 2.0 do not report their features.
+    A tangent then takes 1.5 ns and a sine 3 to 11 ns. On other processors all three take as long as in the C library.
+    NumPy has such tangents on Linux only. Versions before 2.0 do not report their features.
     """
     if sys.platform != "linux" or not hasattr(np.lib, "introspect"):
         return False
@@ -97,7 +97,7 @@ COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers
 
 
 def printed(program: Program) -> str:
-    """Return the source that `PythonKernel` runs for a program: for one state, and for blocks of columns.
+    """Return the source that `PythonKernel` runs for a program: for one state, and for blocks of states.
 
     Raises StatementError if a linear system is too large to be printed.
     """
@@ -114,9 +114,9 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed outer function of parameters, which computes the values of parameters alone; its last result is cached.
+    """A printed function of the parameters. It computes all values that depend on parameters alone.
 
-    The result is the inner function, or None if the parameters require the interpreter.
+    It returns the inner function, or None if the parameters require the interpreter. The last result is cached.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -135,7 +135,7 @@ class _PrintedFunction:
 
 
 class PythonKernel:
-    """A program as printed Python: implements `Kernel`. Threads may share it."""
+    """A kernel printed as Python: implements `Kernel`. Threads may share it."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -146,7 +146,7 @@ class PythonKernel:
 
     @property
     def program(self) -> Program:
-        """The program of this kernel."""
+        """The program that this kernel computes."""
         return self._program
 
     @property
@@ -158,7 +158,7 @@ class PythonKernel:
         )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program, as `Kernel` does."""
+        """Return the result of the program for a state (2n,) or many (2n, batch)."""
         if y.ndim > 1:
             return self._by_blocks(self._exact_blocks, t, [y], parameters)
         function = self._one_state(parameters)
@@ -173,14 +173,17 @@ class PythonKernel:
         return out if out.shape == shape else out.reshape(shape)
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls for one state with these parameters, as `Kernel` does."""
+        """Return quick calls for one state with these parameters, or None if the interpreter is needed."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return the printed functions with checks. The function of q and v is printed at its first call."""
+        """Return quick calls: the printed functions, which check their arguments.
+
+        That of q and v is printed at its first call.
+        """
         values = parameters.copy()
         whole = self._whole(values)
         if whole is None:
@@ -202,18 +205,21 @@ class PythonKernel:
 
     @cached_property
     def _parts(self) -> _PrintedFunction:
-        """The printed function of coordinates and velocities."""
+        """The printed function of coordinates q and velocities v."""
         size = self._program.states
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
-        """Return the printed function of one state as arrays, with checks of arguments and results."""
+        """Return the printed function of one state, with checks of arguments and results.
+
+        `arrays` maps arguments to sizes.
+        """
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
         return _PrintedFunction(defined(self._lines.checked(arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for every column. Sines may be rounded differently than for one state."""
+        """Return the result of the program for many states. Sines may be rounded differently than for one state."""
         blocks = self._fast_blocks if tangents_are_fast() else self._exact_blocks
         return self._by_blocks(blocks, t, inputs, parameters)
 
@@ -261,9 +267,9 @@ class PythonKernel:
 
     @cached_property
     def _exact_blocks(self) -> tuple[_PrintedFunction, int]:
-        """The function of blocks of columns that does the same operations as that of one state, and its number of rows.
+        """The function of blocks of states with the same operations as for one state, and its number of working rows.
 
-        With it, paths of runs have the same digits whether computed at one step or at many.
+        So paths of runs have the same digits whether computed at one step or at many.
         """
         return self._printed_blocks(half_angles=False)
 

@@ -34,14 +34,17 @@ on its surface.
 
 
 class Noisy(NamedTuple):
-    """A number, or the entries of a vector or matrix, and the bound of its error."""
+    """A number, or the entries of a vector or matrix, with a bound of its rounding error: the noise."""
 
     value: Any
     noise: Any
 
 
 def _noisy(name: str) -> Callable[..., Noisy]:
-    """Return an operation on numbers with noise. It evaluates both ends of the error interval of each argument."""
+    """Return the operation `name` on numbers with noise.
+
+    It evaluates both ends of the error interval of each argument.
+    """
     operation, own = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
     def apply(*args: Noisy) -> Noisy:
@@ -62,7 +65,10 @@ def _noisy(name: str) -> Callable[..., Noisy]:
 
 
 def _linear(name: str) -> Callable[..., Noisy]:
-    """Return a sum or product on numbers with noise, in closed form: the noise may be below the spacing of doubles."""
+    """Return the sum or product `name` on numbers with noise. The noise is computed by a formula.
+
+    Unlike a difference of values, the formula also gives noise below the spacing of doubles.
+    """
     operation = OPERATIONS[name]
 
     def apply(*args: Noisy) -> Noisy:
@@ -80,7 +86,7 @@ def _linear(name: str) -> Callable[..., Noisy]:
 
 
 def _factor(order: int, *entries: Noisy) -> Noisy:
-    """Return a symmetric matrix, given by its lower triangle, and its noise."""
+    """Return the symmetric matrix with a given lower triangle, and the noise of its entries."""
     rows = np.tril_indices(order)
     value, noise = np.zeros((2, order, order))
     value[rows], noise[rows] = [one.value for one in entries], [one.noise for one in entries]
@@ -108,7 +114,7 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
     """Return the solution of a linear system. Its noise is |M^-1| times the noise of the residual.
 
-    M is factored in floating point; its noise is the rounding of the numbers in this factorization.
+    M is factored in floating point; the rounding errors of this factorization are part of the noise.
     """
     value, noise = np.array([one.value for one in right]), np.array([one.noise for one in right])
     inverse = np.linalg.inv(matrix.value)

@@ -1,9 +1,9 @@
 """Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
 
-It prints the procedures of `procedure.kernel`, which LLVM also runs. `prepare` becomes the outer function, of the
-parameters, and the kernel by value the inner function. Names are generated here and literals are exact, so no text of a
-user is run. The source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller
-evaluates the program in another way.
+The printed procedures are those of `procedure.kernel`, which LLVM also compiles. `prepare` becomes the outer function,
+whose arguments are the parameters, and the kernel by value the inner function. Names are generated here and literals
+are exact, so no text of a user is run. The source handles regular states only: if Python raises, or a pivot cannot be
+trusted, the caller evaluates the program in another way.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def fits(program: Program) -> bool:
 
 
 class StraightLines:
-    """Prints a program as straight-line Python. Each text defines `name(p)`, the outer function.
+    """Prints a program as straight-line Python. Each text defines `name(p)`, an outer function of the parameters.
 
-    The outer function computes the values of parameters alone. It returns the inner function, or None if these values
-    need the interpreter.
+    The outer function computes all values that depend on parameters alone. It returns the inner function, or None if
+    these values need the interpreter.
     """
 
     def __init__(self, program: Program) -> None:
@@ -75,14 +75,14 @@ class StraightLines:
         self.inner = _straight(kernel_by_value(program, held, program.outputs, style=STYLE))
 
     def scalar(self) -> str:
-        """Return `def name(p)`, which returns a function of (t, y): a number and a sequence of floats.
+        """Return `def name(p)`, whose inner function takes a number t and a sequence y of floats.
 
         The inner function returns a tuple of floats, or None if a pivot of the mass matrix cannot be trusted.
         """
         return _Floats(self.inner).source(self)
 
     def checked(self, arrays: Mapping[str, int]) -> str:
-        """Return `def name(p)` whose inner function takes t and arrays with these numbers of entries.
+        """Return `def name(p)`, whose inner function takes t and arrays; `arrays` maps their names to their lengths.
 
         The inner function returns a new array with finite entries. It returns None in four cases: t is not a float; an
         argument is not a plain array of doubles of its length; a result is not finite; Python raises. It is a single
@@ -93,9 +93,9 @@ class StraightLines:
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
         """Return `def name_columns(p)`, whose inner function takes (t, y, out, b), and the number of rows of b.
 
-        It writes the results `out` (k, m) for m times t and m numbers y[i] of each input. b are its working rows. It
-        returns False if a pivot is too small in some column, else True. With `half_angles` sines and cosines are
-        computed from the tangent of half the angle.
+        `t` has m times, `y` a row of m numbers for each input, and `out` (k, m) receives the results. `b` are working
+        rows. The function returns False if a pivot is too small for some state, else True. With `half_angles` sines and
+        cosines are computed from the tangent of half the angle.
         """
         printer = _RowPrinter(self.inner, half_angles=half_angles)
         text = printer.source(self)
@@ -128,7 +128,7 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints the inner function on floats, inside the outer function, which prepares its numbers."""
+    """Prints the inner function on floats, inside the outer function, which computes values of parameters alone."""
 
     operators = RAISING
     suffix, arguments = "", "t, y"
@@ -141,7 +141,7 @@ class _Floats(Printer):
         """Values of parameters alone, which the outer function computes."""
 
     def source(self, program: StraightLines) -> str:
-        """Return the outer function and, inside it, the inner function that this printer prints."""
+        """Return the text of the outer function, which contains the inner function."""
         name, count = f"{program.program.name}{self.suffix}", program.program.parameters
         outer = _Floats(program.outer)
         for printer in (outer, self):
@@ -154,12 +154,12 @@ class _Floats(Printer):
         return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
 
     def unpacked(self) -> list[str]:
-        """Return the lines that unpack the arguments into names."""
+        """Return the lines that unpack array arguments into names."""
         return [f"{listed('y', self.states)} = y"] if self.states else []
 
     @property
     def states(self) -> int:
-        """The number of inputs, which are the parameters between the time and the prepared numbers."""
+        """Number of inputs: the parameters of the procedure between the time and the array of prepared values."""
         return len(self.procedure.parameters) - 2
 
     def function_of(self, op: str) -> str:
@@ -167,7 +167,7 @@ class _Floats(Printer):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print the use of a prepared number. Its definition is printed in the outer function."""
+        """Print the use of a value of parameters alone. Its definition is printed in the outer function."""
         assert isinstance(statement, (Load, Store))
         slot = f"p{self.constants[statement.place]}"
         if isinstance(statement, Load):
@@ -195,7 +195,10 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int, failure: str = "None") -> None:
-        """Print the early return for a pivot that is too small."""
+        """Print the early return for a pivot that is too small.
+
+        `singular` is the flag's id, `failure` the returned value.
+        """
         if singular in self.fixed:
             if singular not in self.constants:
                 self.once += [f"if {self.text(singular)}:", "    return None"]
@@ -203,16 +206,16 @@ class _Floats(Printer):
             self.leave_if(self.condition(singular), failure)
 
     def condition(self, flag: int) -> str:
-        """Return the text of a flag as a condition."""
+        """Return the text of a flag as a condition. `flag` is its id."""
         return self.text(flag)
 
     def leave_if(self, condition: str, failure: str = "None") -> None:
-        """Print a conditional early return of the inner function."""
+        """Print a conditional early return of the inner function with the result `failure`."""
         self.put(f"if {condition}:")
         self.put(f"    return {failure}")
 
     def give(self, results: Sequence[int]) -> None:
-        """Print the return of the results."""
+        """Print the return of the results with the given ids."""
         self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
 
 
@@ -255,7 +258,10 @@ class _Checked(_Floats):
             self.put(line)
 
     def named_result(self, k: int, ref: int) -> str:
-        """Return the name of a result, or its literal, because it is read twice. An expression gets a name."""
+        """Return the name or literal of result `k`, which is read twice.
+
+        `ref` is its id. An expression gets a new name.
+        """
         text = self.text(ref)
         if not text.isidentifier() and ref not in self.constants:
             self.put(f"r{k} = {text}")
@@ -264,10 +270,10 @@ class _Checked(_Floats):
 
 
 class _RowPrinter(_Floats):
-    """Prints a procedure on rows, with one number for each column.
+    """Prints a procedure on rows, which are arrays with one number for each state.
 
     A result is written to its own row. Another operation writes to the row of an operand that is not read later, or to
-    a free row. So there are few working rows: a block of columns fits the cache, and few rows are copied.
+    a free row. So there are few working rows: a block of states fits the cache, and few rows are copied.
     """
 
     suffix, arguments = "_columns", "t, y, out, b"
@@ -295,13 +301,13 @@ class _RowPrinter(_Floats):
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of those values that no later statement reads."""
+        """Free the rows of those values, given by id, that no later statement reads."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
-        """Return the row of a value: the row of a result, or a working row.
+        """Return the row of a value: a row of the results, or a working row.
 
-        Without a value it is a free working row.
+        `ref` is the id of the value. With None the row is a free working row.
         """
         if ref in self.outputs:
             row = f"o{self.outputs[ref]}"
@@ -317,7 +323,7 @@ class _RowPrinter(_Floats):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation that writes to a row. A condition gets an array of its own."""
+        """Print an operation that writes to a row. A condition gets a new array."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
         elif let.ref in self.uses:
@@ -331,7 +337,7 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: Let, texts: Sequence[str]) -> None:
-        """Print an operation whose result is a number."""
+        """Print an operation on the rows `texts` whose result is a row of numbers."""
         a, *others = texts
         match let.op:
             case "fma" | "fnma":
@@ -371,7 +377,10 @@ class _RowPrinter(_Floats):
         self.let(Let(pair.cosine, REAL, "cos", (pair.angle,)))
 
     def by_half_angle(self, angle: int, *, sin: int | None = None, cos: int | None = None) -> None:
-        """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1."""
+        """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1.
+
+        `sin` and `cos` are the ids of the results, None for a result that is not needed.
+        """
         text = self.text(angle)
         self.release([angle])
         second = self.row(cos)
@@ -402,5 +411,5 @@ class _RowPrinter(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return names of numbered values as a target for unpacking, such as "y0, y1,"."""
+    """Return numbered names as a target for unpacking, such as "y0, y1,". `first` is the first number."""
     return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()

@@ -1,4 +1,4 @@
-"""Fast access to the address of an array's numbers, since `ctypes.data` costs more than a call of a small kernel."""
+"""Fast access to the address of an array's data: `ctypes.data` takes longer than a call of a small kernel."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ def _by_attribute(array: NDArray[Any]) -> int:
 
 
 def _layout_is_as_documented() -> bool:
-    """Return True if both ways agree. This is tested because id() is an address in CPython only."""
+    """Return True if both functions give the same address.
+
+    The test is needed because id() is an address in CPython only.
+    """
     if sys.implementation.name != "cpython":
         return False
     probes = [np.zeros(shape) for shape in (1, 7, (3, 5))]
@@ -42,7 +45,7 @@ address = _by_layout if by_layout else _by_attribute
 
 
 def workspace(count: int) -> NDArray[np.float64]:
-    """Return an array of zeros (count,) that is aligned to a cache line."""
+    """Return an array of `count` zeros whose memory begins at a cache line."""
     spare = LINE // 8
     memory = np.zeros(count + spare)
     begin = -address(memory) % LINE // 8

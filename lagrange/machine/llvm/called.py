@@ -1,4 +1,4 @@
-"""A procedure in machine code as a Python function. One block of memory holds its arguments and results.
+"""A procedure in machine code as a Python function. One array of 8-byte words holds its arguments and results.
 
 An ordinary call through ctypes takes 0.1 us for each argument, and cannot return several results.
 """
@@ -30,8 +30,8 @@ STEPS = ("budget", "times", "rows")
 class CompiledProcedure(Shared):
     """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
-    With `tiers` it is compiled again after many steps, with LLVM's loop passes if `optimize`. Callees in `elsewhere`
-    are in other modules, which `needs` compiles.
+    With `tiers` the procedure is compiled again after many steps. With `optimize` LLVM's loop passes then run. Callees
+    in `elsewhere` are in other modules, which the function `needs` compiles.
     """
 
     def __init__(
@@ -53,17 +53,20 @@ class CompiledProcedure(Shared):
 
     @property
     def run(self) -> Any:
-        """The function of one argument, the address of the arguments. It changes when code is compiled again."""
+        """The compiled function, which takes the address of the words.
+
+        The function changes when code is compiled again.
+        """
         return _CALL(self.module.address if isinstance(self.module, TieredModule) else self.module.address("run"))
 
     @property
     def steps(self) -> int:
-        """Address of the function with which another compiled loop takes steps; see `_steps`."""
+        """Address of the function `steps`, with which another compiled loop takes steps of this one."""
         module = self.module
         return module.address_of("steps") if isinstance(module, TieredModule) else module.address("steps")
 
     def bound(self) -> CompiledCall:
-        """Return memory for the arguments of calls."""
+        """Return memory for arguments, with which the procedure can be called again and again."""
         return CompiledCall(self)
 
     def __call__(self, *args: Any) -> Any:
@@ -77,7 +80,7 @@ class CompiledProcedure(Shared):
 
 
 class CompiledCall:
-    """Arguments of a compiled procedure, which are set by name, and calls with them."""
+    """Memory for the arguments of a compiled procedure; calling the object runs the procedure with these arguments."""
 
     def __init__(self, code: CompiledProcedure) -> None:
         self.code, self._run = code, code.run
@@ -92,7 +95,7 @@ class CompiledCall:
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are shared, None stands for no array and no function."""
+        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
         places, reals, kept, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:
@@ -101,7 +104,7 @@ class CompiledCall:
                 kept[name], words[places[name]] = value, _word(value)
 
     def __call__(self) -> Any:
-        """Return None, a value or a tuple of values."""
+        """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
         self._run(self._address)
         if self._only_whole is not None:
             return self._wholes[self._only_whole]
@@ -109,18 +112,21 @@ class CompiledCall:
         return results[0] if len(results) == 1 else tuple(results) or None
 
     def _result(self, place: int, kind: Any) -> Any:
-        """Return a result from its word."""
+        """Return the result in the word with the index `place`, converted from its kind."""
         if kind is REAL:
             return self._reals[place]
         return bool(self._wholes[place]) if kind is FLAG else self._wholes[place]
 
     @property
     def is_final(self) -> bool:
-        """True if the code is not compiled again."""
+        """True if the code will not be compiled again."""
         return not self._quick
 
     def count(self, steps: int) -> bool:
-        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+        """Report that `steps` more steps were taken.
+
+        Return True when optimized code replaces the code compiled quickly.
+        """
         tiers = self.code.module
         if not self._quick or not isinstance(tiers, TieredModule):
             return False
@@ -131,7 +137,7 @@ class CompiledCall:
 
 
 def _word(value: Any) -> int:
-    """Return the word of an argument in memory: an address, a whole number, or 0 for None."""
+    """Return the word of memory for an argument: an address, a whole number, or 0 for None."""
     if isinstance(value, np.ndarray):
         return address(value)
     if isinstance(value, ctypes.Structure):
@@ -146,9 +152,9 @@ def compiled(procedure: Procedure) -> CompiledProcedure:
 
 
 def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of a procedure called as run(ptr words), without the callees that are `elsewhere`.
+    """Return the IR of a procedure called as run(ptr words). Callees in `elsewhere` are declared but not defined.
 
-    Callees are inlined unless they are marked `apart`. A loop over steps has a second function; see `_steps`.
+    Other callees are inlined unless they are marked `apart`. A loop over steps also has the function `steps`.
     """
     callees = transitive_callees([procedure], elsewhere)
     functions = [function(callee, hidden=True, merged=not (callee is procedure or callee.apart)) for callee in callees]
@@ -159,7 +165,10 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
 
 
 def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
-    """Return procedures and their callees, callees first, without those that only procedures `elsewhere` call."""
+    """Return the procedures and their transitive callees, callees first. Callees in `elsewhere` are left out.
+
+    Procedures that only such callees call are left out too.
+    """
     reached: dict[Procedure, None] = {}
     for procedure in procedures:
         called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
@@ -171,10 +180,10 @@ def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Proc
 
 
 def _steps(procedure: Procedure) -> str:
-    """Return the IR of the function `steps`, with which another compiled loop takes steps; see `TAKE_STEPS`.
+    """Return the IR of the function `steps`, of the type `TAKE_STEPS`, with which another compiled loop takes steps.
 
-    Its first argument are the words of the call. The next three are arrays that the words have addresses of: so LLVM
-    knows in the caller that the steps change them.
+    The first argument is the address of the words of the call. The next three are arrays whose addresses are also among
+    the words: so LLVM knows in the caller that the steps change them.
     """
     e = Emitter()
     places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
@@ -201,7 +210,7 @@ def _run(procedure: Procedure) -> str:
 
 
 def _argument(e: Emitter, place: int, kind: Any) -> str:
-    """Return an argument, read from its 8-byte word in memory. A flag is stored as an integer."""
+    """Emit the read of an argument from its word in memory, and return it. A flag is stored as an integer."""
     if kind is FLAG:
         word = e.get("%words", place, KINDS[WHOLE])
         return f"i1 {e.value(f'icmp ne i64 {word}, 0')}"
@@ -209,7 +218,7 @@ def _argument(e: Emitter, place: int, kind: Any) -> str:
 
 
 def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
-    """Store the results in the words after the arguments."""
+    """Emit the stores of the results in the words after the arguments. `value` is the result of the call in IR."""
     results = separated(e, [argument_type(kind) for kind in procedure.results], value)
     for i, (kind, result) in enumerate(zip(procedure.results, results, strict=True)):
         word = e.value(f"zext i1 {result} to i64") if kind is FLAG else result

@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class LoopValues:
-    """A loop that is being printed: its index, the carried values, and their values in the next iteration."""
+    """A loop that is being printed: its index, the values carried between iterations, and their next values."""
 
     index: str
     values: list[str]
@@ -31,7 +31,7 @@ that many in one block.
 
 
 class Emitter:
-    """Collects the body of one function. Names are numbered, so that the same calls produce the same text."""
+    """Collects the body of one LLVM function. Names are numbered, so that the same calls produce the same text."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -42,7 +42,7 @@ class Emitter:
         self.accesses = 0
 
     def fresh(self, stem: str = "v") -> str:
-        """Return an unused name, without its % sign."""
+        """Return an unused name that begins with `stem`, without its % sign."""
         self.count += 1
         return f"{stem}{self.count}"
 
@@ -55,9 +55,9 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block.
+        """Begin another basic block, after a condition that LLVM cannot evaluate.
 
-        A condition that LLVM cannot evaluate guards it, since LLVM would join the blocks.
+        Without this condition LLVM would join the two blocks.
         """
         if not self.zero:
             self.zero = self.reserve("i8")
@@ -73,11 +73,11 @@ class Emitter:
         self.label(name)
 
     def do(self, text: str) -> None:
-        """Emit an instruction without a result."""
+        """Emit an instruction that has no result."""
         self.lines.append("  " + text)
 
     def reserve(self, kind: str, count: int = 1) -> str:
-        """Return a pointer to stack memory reserved once, at the function's entry."""
+        """Return a pointer to stack memory for `count` elements of a type, reserved once, at the function's entry."""
         name = "%" + self.fresh("m")
         self.entry.append(f"  {name} = alloca {kind if count == 1 else f'[{count} x {kind}]'}, align 64")
         return name
@@ -97,22 +97,22 @@ class Emitter:
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Return the value at a pointer. The alignment of the elements is enough for vectors."""
+        """Emit a load and return the value at a pointer. Vectors need the alignment of their elements only."""
         loaded = self.value(f"load {kind}, ptr {pointer}, align 8")
         self.accesses += 1
         return loaded
 
     def store(self, what: str, pointer: str, kind: str = "double") -> None:
-        """Store a value at a pointer."""
+        """Emit a store of the value `what` at a pointer."""
         self.accesses += 1
         self.do(f"store {kind} {what}, ptr {pointer}, align 8")
 
     def get(self, base: str, index: str | int, kind: str = "double") -> str:
-        """Return element `index` of an array."""
+        """Emit a load and return element `index` of the array at `base`."""
         return self.load(self.address(base, index, kind), kind)
 
     def put(self, what: str, base: str, index: str | int, kind: str = "double") -> None:
-        """Store element `index` of an array."""
+        """Emit a store of the value `what` as element `index` of the array at `base`."""
         self.store(what, self.address(base, index, kind), kind)
 
     def fma(self, a: str, b: str, c: str, kind: str = "double") -> str:
@@ -133,9 +133,10 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[LoopValues]:
-        """Repeat the body as `loop` does, with values (kind, initial value) that each iteration passes to the next.
+        """Repeat the body for an index from `start` while it is below `stop`, with values carried between iterations.
 
-        The body sets `following`, with one entry for each value. After the loop, `values` are the last values.
+        `carried` has a type and an initial value for each. Yields an object in which the body sets `following`, the
+        values for the next iteration. After the loop, its `values` are the last values.
         """
         name = self.fresh("loop")
         before = self.block

@@ -37,12 +37,12 @@ long (73 us). No right-hand side of a scene is that large.
 
 
 def dense_solver() -> tuple[Procedure, ...]:
-    """Return the procedures for linear systems that kernels call, compiled once per process."""
+    """Return the procedures for linear systems that kernels call. Their module is compiled once per process."""
     return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
 class Module(Shared):
-    """Machine code of the functions in one IR text. It owns the memory of its addresses."""
+    """Machine code of the functions in one IR text. It owns the memory of the code."""
 
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
@@ -50,8 +50,8 @@ class Module(Shared):
         """Compile a text of IR.
 
         With `optimize` LLVM's loop passes run. With `quickly` nothing is optimized, for code that runs rarely. With
-        `merge` only the procedures marked for it are inlined, and their local arrays are kept in registers. Code that
-        runs `often` is optimized whatever its size.
+        `merge` only the procedures marked for inlining are inlined, and their local arrays are kept in registers. A
+        large text is not optimized unless it runs `often`.
         """
         start()
         effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
@@ -69,7 +69,7 @@ class Module(Shared):
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-    """Return the object code of a text. `passes` runs LLVM's passes on the module first."""
+    """Return the object code of an IR text. `passes` runs LLVM's passes on the module first; `effort` is 0 to 3."""
     check_time()
     parsed = llvm.parse_assembly(text)
     parsed.verify()
@@ -80,7 +80,7 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 class _Engine:
-    """The owner of an LLVM engine, to which weak references are safe: they expire before LLVM frees the engine.
+    """The owner of an LLVM engine. A weak reference to it expires before LLVM frees the engine.
 
     With a weak reference to the engine itself, other threads could still get it while LLVM frees it.
     """
@@ -96,7 +96,7 @@ class _Engine:
 def _loaded(code: bytes) -> _Engine:
     """Return an engine that has linked object code, and owns its memory. An engine in use is returned again.
 
-    If threads compile the same text concurrently, two modules exist and the cache keeps one. The addresses of both
+    If threads compile the same text at the same time, two modules exist and the cache keeps one. The addresses of both
     remain valid.
     """
     key = hashlib.sha256(code).digest()
@@ -141,7 +141,7 @@ def assembly(text: str, *, optimize: bool = False) -> str:
 def linear_solver(*, often: bool) -> None:
     """Compile the linear solver, once per process. LLVM's passes run only if a model needs the solver `often`.
 
-    With the passes it takes 150 ms, more than the rest of a small model; without them 5 ms.
+    The passes take 150 ms, more than the rest of a small model. Without them compilation takes 5 ms.
     """
     # Without the lock, two threads that compile their first models could register symbols of a discarded module.
     with _LOADING:
@@ -159,7 +159,7 @@ def _linear_solver(often: bool) -> Module:
 
 
 def solver_of_columns() -> Module:
-    """Return the module that solves factored systems in lanes, compiled once per process."""
+    """Return the module that solves factored systems of many states in lanes, compiled once per process."""
     linear_solver(often=False)
     with _LOADING:
         return _solver_of_columns()
@@ -188,9 +188,9 @@ def _inversion() -> Module:
 
 @cache
 def _target_machine(effort: int = 2) -> Any:
-    """Return the target machine of an optimization level, 0 to 3.
+    """Return LLVM's target machine for an optimization level, 0 to 3.
 
-    All modules share it, because its set-up takes time.
+    All modules of a level share the target machine, because its set-up takes time.
     """
     start()
     features = llvm.get_host_cpu_features().flatten()

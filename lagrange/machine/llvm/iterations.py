@@ -1,4 +1,4 @@
-"""Print the iterations of an `each` loop, with as many at once as fit a vector."""
+"""Print the iterations of an `each` loop, with as many at once as fit into a vector."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ UNROLLED_VECTORS = 2
 
 @dataclass(frozen=True)
 class IterationBlock:
-    """Iterations of an `each` that are printed as one vector: those from an offset on that are in a mask."""
+    """Iterations of an `each` that are printed as one vector: those from `offset` on for which `mask` is true."""
 
     each: Each
     lanes: int
@@ -51,7 +51,7 @@ class IterationBlock:
 
 
 class Lanes:
-    """Prints an `each` with `lanes` iterations at once."""
+    """Prints an `each` with `lanes` iterations at once, one in each lane of a vector."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
@@ -83,7 +83,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the scalar values defined outside of the loop that the iterations use."""
+        """Return the ids of single values defined outside of the loop that the iterations use."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
@@ -95,7 +95,7 @@ class Lanes:
         return list(wanted)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Write out the iterations from `begin` to `count`."""
+        """Write out the iterations from `begin` to before `count` without a loop, and add their results to `sums`."""
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
             mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(one).lower()}" for one in inside) + ">"
@@ -103,7 +103,10 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print the iterations as a loop, one stride per iteration."""
+        """Print the iterations as a loop of `stride` iterations at a time.
+
+        `sums` are the partial results of the reductions.
+        """
         e = self.e
         flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
         carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
@@ -119,7 +122,7 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return the mask of the iterations in a vector whose index is below a count known only at run time."""
+        """Return the mask of the iterations in a vector that are below `count`, which is known only at run time."""
         stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
@@ -137,7 +140,7 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print one vector of iterations, from an offset on."""
+        """Print one vector of iterations from `offset` on, for which `mask` is true."""
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
@@ -146,7 +149,7 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Add the results of the iterations in the mask to the partial sums."""
+        """Combine the results of one vector of iterations with the partial results `sums`, where the mask is true."""
         kind = type_of(REAL, self.lanes)
         for fold, found in zip(self.each.folds, sums, strict=True):
             slot = begin // self.lanes % len(found)
@@ -161,7 +164,7 @@ class Lanes:
                 found[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
     def total(self, fold: Fold, found: list[str]) -> str:
-        """Return the sum of all partial sums, in a fixed order."""
+        """Return the result of a reduction from its partial results, which are combined in a fixed order."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
             return largest_magnitude(e, found[0], self.lanes)
@@ -175,7 +178,7 @@ class Lanes:
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
-    """Print the combination of the partial result `total` of a reduction with one more value, and return it."""
+    """Print the combination of a partial result `total` with one more value, by the reduction `op`, and return it."""
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
     larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
@@ -193,7 +196,7 @@ def eaches(block: Block) -> Iterator[Each]:
 
 
 def number_of_angles(block: Block) -> int:
-    """Return the number of sines and cosines in a block. The two of one angle count once."""
+    """Return the number of sines and cosines in a block. A sine and a cosine of the same angle count once."""
     return sum(
         isinstance(one, SineCosine) or (isinstance(one, (Let, VectorLet)) and one.op in ANGLES) for one in walk(block)
     )
@@ -206,7 +209,7 @@ def widest(block: Block) -> int:
 
 
 def base_arrays(block: Block) -> dict[int, int]:
-    """Return the underlying array of each part defined in a block, by the number of the part."""
+    """Return {part of an array: whole array} by ids, for each part defined in a block."""
     found: dict[int, int] = {}
     for statement in walk(block):
         if isinstance(statement, Part):
@@ -215,5 +218,5 @@ def base_arrays(block: Block) -> dict[int, int]:
 
 
 def number(value: str) -> int | None:
-    """Return the integer that a constant operand stands for, or None for a value known only at run time."""
+    """Return the integer of a constant operand, or None for a value known only at run time."""
     return None if value.startswith("%") else int(value)

@@ -28,7 +28,10 @@ class ObjectCode:
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of a text in a compile mode `how`, from the cache or by calling `compiled`."""
+        """Return the object code of an IR text from the cache, or from `compiled()`.
+
+        `how` names the compile options.
+        """
         key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
         with self._lock:
             if key in self._codes:

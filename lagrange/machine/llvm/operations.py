@@ -63,13 +63,13 @@ def declarations() -> str:
 
 
 def declaration(name: str, op: str, lanes: int = 1) -> str:
-    """Return the declaration of the function that computes an operation on `lanes` reals."""
+    """Return the IR declaration of the external function `name`, which computes an operation on `lanes` reals."""
     kind = type_of(REAL, lanes)
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
 
 def constant(let: Let) -> str:
-    """Return the constant of a statement as an operand."""
+    """Return the value of a constant as an LLVM operand."""
     if let.kind is REAL:
         return literal(0.0 if let.data is None else float(let.data))
     return str(bool(let.data)).lower() if let.kind is FLAG else str(int(let.data or 0))
@@ -87,7 +87,10 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
 
 
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
-    """Print an operation on operands with types `kinds` and `lanes` lanes, and return the result."""
+    """Print an operation and return the operand of its result. `kinds` are the kinds of its operands.
+
+    With more than one of `lanes` the operands are vectors.
+    """
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
     typed = ", ".join(f"{one} {arg}" for one, arg in zip(types, args, strict=True))
@@ -127,7 +130,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
 
 
 def whole_suffix(lanes: int) -> str:
-    """Return the suffix of intrinsics on `lanes` integers."""
+    """Return the suffix of LLVM's intrinsics for `lanes` integers."""
     return "i64" if lanes == 1 else f"v{lanes}i64"
 
 
@@ -152,7 +155,7 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
 
 
 def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
-    """Return the largest entry of a vector of non-negative numbers."""
+    """Return the largest entry of a vector of `lanes` numbers that are not negative."""
     bits = e.value(f"bitcast {type_of(REAL, lanes)} {vector} to {type_of(WHOLE, lanes)}")
     largest = e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64({type_of(WHOLE, lanes)} {bits})")
     return e.value(f"bitcast i64 {largest} to double")
@@ -194,23 +197,23 @@ def foreign_type(kind: Type) -> str:
 
 
 def convention(results: Sequence[Type]) -> str:
-    """Return the calling convention for a function that other code calls: several results are returned in registers."""
+    """Return the calling convention of a function that other code calls, by which several results are in registers."""
     return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:
-    """Return the type of a structure that contains values of the given types."""
+    """Return LLVM's type for values of the given types: a structure if there are several."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the values of a structure that a call returned. Its type is `together(types)`."""
+    """Yield the single values of a call's result, whose type is `together(types)`."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Print the return of several values as one structure of type `together(types)`."""
+    """Print the return of values, as one value of type `together(types)`."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")

@@ -138,7 +138,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
-    """Return the IR of a module of functions, with declarations and attributes."""
+    """Return the IR of a module: functions, and the declarations and attributes that they need."""
     angles = [angle_function(width) for width in WIDTHS if any(called_for_angles(width) in one for one in functions)]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
@@ -146,7 +146,7 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
-    """Return the procedures that another module defines: the given ones and their transitive callees."""
+    """Return the procedures that another module defines: `elsewhere` and their transitive callees."""
     found: dict[Procedure, None] = {}
     for procedure in elsewhere:
         found |= dict.fromkeys((*procedure.callees, procedure))
@@ -177,10 +177,10 @@ def function(
 
 
 class Printer(Visitor):
-    """Prints one procedure.
+    """Prints one procedure as LLVM IR.
 
-    `values` has the operands of numbers, and `held` the present operands of variables. `wide` has the numbers and
-    variables that are vectors, with one entry for each iteration of the `current` block.
+    `values` maps ids of values to operands, and `held` ids of variables to their present operands. `wide` has the ids
+    of values and variables that are vectors, with one entry for each iteration of the `current` block.
     """
 
     def __init__(
@@ -241,7 +241,7 @@ class Printer(Visitor):
     # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Set the operand of a number. `wide` is true if it is a vector over iterations."""
+        """Set the operand of the value with the id `ref`. `wide` is true if it has an entry for each iteration."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -249,13 +249,13 @@ class Printer(Visitor):
             self.wide[ref] = None
 
     def array(self, ref: int) -> Array:
-        """Return the type of an array."""
+        """Return the type of the array with the id `ref`."""
         found = self.types[ref]
         assert isinstance(found, Array)
         return found
 
     def lanes(self, ref: int) -> int:
-        """Return the number of entries of a value or variable: the lanes of the present block, or 1."""
+        """Return the number of entries of a value or variable: the lanes of the present iterations, or 1."""
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def llvm_type(self, ref: int) -> str:
@@ -274,7 +274,7 @@ class Printer(Visitor):
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Print statements, and release their local arrays at the end."""
+        """Print statements, and release the local arrays that they allocated."""
         before = len(self.memories)
         for statement in block:
             if self.together and not self.passes(statement):
@@ -306,7 +306,7 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: Statement) -> bool:
-        """Return True if a statement cannot affect the delayed stores."""
+        """Return True if a statement cannot affect the delayed stores, so that they may be printed after it."""
         match statement:
             case Let() | SineCosine():
                 return True
@@ -336,7 +336,7 @@ class Printer(Visitor):
 
     @visits(Reserve)
     def array_of(self, reserve: Reserve) -> None:
-        """Allocate a local array."""
+        """Allocate memory for a local array."""
         self.define(reserve.ref, self.reserve(reserve.array), reserve.array)
 
     @visits(SineCosine)
@@ -387,7 +387,7 @@ class Printer(Visitor):
                 self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
-        """Return the sine and the cosine of an angle: written out for few angles, else by a function call."""
+        """Return the sine and the cosine of an angle, computed inline if angles are few, else by a function call."""
         if self.angles is None:
             in_lanes = any(isinstance(one.type, Vector) for one in self.procedure.parameters)
             self.angles = INLINE_ANGLES + 1 if in_lanes else number_of_angles(self.procedure.body)
@@ -415,7 +415,7 @@ class Printer(Visitor):
                 )
 
     def record(self, ref: int) -> Record:
-        """Return the type of a record."""
+        """Return the type of the record with the id `ref`."""
         found = self.types[ref]
         assert isinstance(found, Record)
         return found
@@ -473,13 +473,16 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument of a callback, converted to the callback's type."""
+        """Return an argument of a callback, with its type, as the callback's parameter of a kind requires.
+
+        `arg` is its id.
+        """
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
-        """Print a call, and define its results. Flags that a `foreign` function returns are C's ints."""
+        """Print a call of `what` and define its results. Flags that a `foreign` function returns are C's ints."""
         e = self.e
         types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
         whole = together(types)
@@ -495,7 +498,7 @@ class Printer(Visitor):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Print the end of the procedure."""
+        """Print the return from the procedure."""
         self.release()
         pairs = zip(leave.values, self.procedure.results, strict=True)
         values = [
@@ -550,7 +553,10 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop. The body of the `with` prints the head, with branches to the labels NAME.body and NAME.end."""
+        """Print a loop.
+
+        The body of the `with` prints the condition, with branches to the labels NAME.body and NAME.end.
+        """
         e, name = self.e, self.e.fresh("loop")
         carried = [variable for variable in assigned(inside) if variable in self.held]
         before, initial = e.block, dict(self.held)

@@ -20,7 +20,7 @@ ROUTINES = "_ZGV"
 
 @cache
 def start() -> None:
-    """Set up LLVM for this process: the target and the mathematics library."""
+    """Set up LLVM for this process: its target and the library of mathematical functions."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     mathematics = ctypes.util.find_library("m")
@@ -37,13 +37,13 @@ def lanes() -> int:
 
 @cache
 def processor() -> str:
-    """Return the processor's name in LLVM and the number of doubles in its vectors, as the target of compilation."""
+    """Return the processor's name in LLVM and the number of doubles in its vectors, as text."""
     return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
 
 
 @cache
 def vector_routines() -> dict[str, str]:
-    """Return glibc's vector routine (libmvec) for each operation that has one on this processor."""
+    """Return {operation: name of its vector routine in glibc (libmvec)} for the vectors of this processor."""
     start()
     try:
         routines = ctypes.CDLL("libmvec.so.1")
@@ -61,7 +61,7 @@ def routine(op: str, width: int) -> str | None:
 
 
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
-    """Emit a call of the C library's vector routine, or of its scalar function for each entry."""
+    """Emit a call of the C library's vector routine for an operation, or of its scalar function for each entry."""
     kind, name = type_of(REAL, width), routine(op, width)
     if name is not None:
         return e.value(f"call {kind} @{name}({', '.join(f'{kind} {arg}' for arg in args)})")

@@ -45,7 +45,7 @@ COSINE = (
 
 
 def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit sin(x) and cos(x)."""
+    """Emit the computation of sin(x) and cos(x), and return both operands."""
     kind = element(lanes)
     near = e.value(f"fcmp olt {kind} {e.fabs(x, kind)}, {number(RANGE, lanes)}")
     every = near
@@ -82,7 +82,7 @@ def angle_function(lanes: int) -> str:
 
 
 def called_for_angles(lanes: int) -> str:
-    """Return the text that marks a module as a caller of that function."""
+    """Return the text by which a module that calls the function of `angle_function` is recognised."""
     return f"@{_name(lanes)}("
 
 
@@ -91,7 +91,7 @@ def _name(lanes: int) -> str:
 
 
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit a call of that function, and return the operands of sin(x) and cos(x)."""
+    """Emit a call of the function of `angle_function`, and return the operands of sin(x) and cos(x)."""
     kind = element(lanes)
     both = e.value(f"call {{ {kind}, {kind} }} @{_name(lanes)}({kind} {x})")
     first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
@@ -137,9 +137,9 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Return the sine and the cosine of the whole angle from those of its remainder.
+    """Return the sine and the cosine of the whole angle from `sine` and `cosine` of its remainder.
 
-    In odd quadrants they are exchanged. The quadrant gives the signs.
+    In odd quadrants the two are exchanged. The quadrant, whose number is in `rounded`, gives their signs.
     """
 
     def whole(value: int) -> str:
@@ -160,7 +160,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
 
 
 def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit calls of the C library for each lane."""
+    """Emit calls of the C library's sine and cosine for each lane, and return both operands."""
     pair = [e.reserve("double"), e.reserve("double")]
     if lanes == 1:
         e.do(f"call void @sincos(double {x}, ptr {pair[0]}, ptr {pair[1]})")
@@ -176,17 +176,17 @@ def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def number(value: float, lanes: int) -> str:
-    """Return a constant as an operand with `lanes` entries."""
+    """Return a constant as an operand: a number, or a vector with `lanes` equal entries."""
     if lanes == 1:
         return literal(value)
     return "<" + ", ".join([f"double {literal(value)}"] * lanes) + ">"
 
 
 def element(lanes: int) -> str:
-    """Return LLVM's type of a real number, or of a vector of them."""
+    """Return LLVM's type of a double, or of a vector of `lanes` doubles."""
     return type_of(REAL, lanes)
 
 
 def flag_type(lanes: int) -> str:
-    """Return LLVM's type of a condition, or of a vector of them."""
+    """Return LLVM's type of a condition, or of a vector of `lanes` conditions."""
     return type_of(FLAG, lanes)

@@ -23,8 +23,8 @@ class TieredModule(Shared):
     """A module with a function that takes steps, compiled in two tiers. Threads may share it.
 
     `optimize` and `merge` are options of `Module` for the optimized version. Both versions are kept, because other runs
-    may hold the address of the first. `needs` is called before each compilation; it compiles what the code uses of
-    other modules.
+    may hold the address of the first. `needs` is called before each compilation; it compiles the procedures of other
+    modules that the code calls.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class TieredModule(Shared):
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Count steps that a run has taken, and compile with optimization after many. Then `address` changes.
+        """Report steps that a run has taken. After many steps the code is optimized, and `address` changes.
 
         While another thread compiles, this thread continues with the quick version.
         """

@@ -24,7 +24,7 @@ from lagrange.procedure.form import (
 
 @dataclass(frozen=True)
 class PrinterState:
-    """The state of a printer: its emitter, and the operand and type of each number."""
+    """The state of a printer: its emitter, and the operand and type of each value by id."""
 
     e: Emitter
     values: Mapping[int, str]
@@ -61,7 +61,7 @@ def _operation(known: PrinterState, let: VectorLet) -> str:
 
 
 def _permuted(known: PrinterState, let: VectorLet) -> str:
-    """Return a vector made of entries of vectors and of single values.
+    """Return a vector made of entries of other vectors and of single values, as `permute` demands.
 
     Entries of each vector are moved and merged; single values are inserted.
     """
@@ -83,7 +83,10 @@ def _permuted(known: PrinterState, let: VectorLet) -> str:
 
 
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, int], width: int) -> str:
-    """Return a vector that has entries of another vector at the indices in `here`, and undefined entries elsewhere."""
+    """Return a vector of `width` entries: `here` maps an index in it to the index of the entry in `vector`.
+
+    Other entries are undefined. `count` is the width of `vector`.
+    """
     if width == count and all(k == place for k, place in here.items()):
         return vector
     mask = ", ".join(f"i32 {here[k]}" if k in here else "i32 poison" for k in range(width))
@@ -92,14 +95,17 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, i
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
-    """Return vector a with the entries at the indices `chosen` replaced by those of b."""
+    """Return vector a with the entries at the indices `chosen` replaced by those of vector b."""
     given = type_of(kind, width)
     places = [width + k if k in chosen else k for k in range(width)]
     return e.value(f"shufflevector {given} {a}, {given} {b}, {_listed(places)}")
 
 
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
-    """Return a vector with single values inserted in some entries. Known values are part of a constant."""
+    """Return a vector with single values inserted; `single` maps an index to a value. Constants are inserted at once.
+
+    `made` is the vector, whose entries at the indices `filled` are defined; it may be empty.
+    """
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
         return splat(e, values[0], kind, width)
@@ -115,7 +121,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
 
 
 def _reduced(known: PrinterState, reduce: Reduce) -> str:
-    """Return the sum of a vector, or the flag that is true if any of its entries is true."""
+    """Return the sum of a vector, an entry, or the flag that is true if any entry of the vector is true."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
@@ -140,7 +146,7 @@ def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
 
 
 def _listed(places: Sequence[int]) -> str:
-    """Return indices of entries as the mask operand of a `shufflevector`."""
+    """Return indices of entries as the mask operand of LLVM's `shufflevector`."""
     return f"<{len(places)} x i32> <{', '.join(f'i32 {place}' for place in places)}>"
 
 
@@ -160,13 +166,13 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
 
 
 def _pointers(known: PrinterState, one: Gather | Scatter, kind: Kind, width: int) -> str:
-    """Return the vector of the addresses of the accessed entries."""
+    """Return the vector of addresses of the array entries that a gather reads or a scatter writes."""
     places = f"{type_of(WHOLE, width)} {known.values[one.places]}"
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[one.array]}, {places}")
 
 
 def _place(known: PrinterState, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
-    """Return the address of the first accessed entry, and the mask as an operand.
+    """Return the address of the first entry that is read or written, and the mask as an operand.
 
     Without a mask the operand is an empty string.
     """

@@ -1,1 +1,1 @@
-"""Taylor series of motions and the steps that they give, interpreted and in machine code."""
+"""Taylor series of motions and steps by these series, interpreted and in machine code."""

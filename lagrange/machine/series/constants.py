@@ -1,4 +1,4 @@
-"""The numbers of a series that do not change along a run: constants, and inverses of constant matrices."""
+"""Numbers of a series that are constant along a run: constants of its rules, and inverses of constant matrices."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from lagrange.program.series import SeriesProgram
 
 
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the table of constants, and the inverse (n, n) of the matrix of each stage that has a constant one.
+    """Return the table of constants, and the inverse (n, n) for each stage of the series whose matrix is constant.
 
-    The inverse is NaN if an entry is, as while the side of a switch is not known. Raises SingularMassMatrix.
+    The inverse is NaN if a parameter is NaN, as while the side of a switching surface is unknown. Raises
+    SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
@@ -32,7 +33,7 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
 
 
 def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
-    """Return a symmetric matrix (n, n) from the entries that a plan reads."""
+    """Return the symmetric matrix (n, n) with the entries `triangle`, in the order of `plan.triangle`."""
     full = np.zeros((plan.size, plan.size))
     for (i, j), entry in zip(plan.triangle, triangle, strict=False):
         full[i, j] = full[j, i] = entry
@@ -42,7 +43,7 @@ def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
 def inverse(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a symmetric matrix (n, n), NaN if an entry is not finite.
 
-    Raises SingularMassMatrix by the criterion of `PIVOT`.
+    Raises SingularMassMatrix if the inverse of the scaled matrix has an entry above 1/`PIVOT`.
     """
     if not np.isfinite(matrix).all():
         return np.full_like(matrix, np.nan)

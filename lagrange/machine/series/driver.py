@@ -1,4 +1,4 @@
-"""The driver of Taylor steps on every machine: calls of the compiled or printed loop over steps."""
+"""The driver of Taylor steps on every machine: it calls the compiled or printed loop over steps."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ WATCHED = (
 
 
 class SeriesDriver:
-    """Advances a run by Taylor steps of a series; see `Driver`.
+    """Advances a run by Taylor steps (implements `Driver`).
 
-    Its parameters may change during a run. With switching surfaces their sides come last, (k + sides,).
+    The parameters may change during a run. With switching surfaces the array ends with their sides, (k + sides,).
     """
 
     def __init__(self, code: SeriesCode, order: int, parameters: FloatArray) -> None:
@@ -45,7 +45,7 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue with other parameters (k,) and sides of switching surfaces, joined to one array (k + sides,)."""
+        """Continue with other parameters (k,), followed by the sides of switching surfaces: one array (k + sides,)."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
             callback = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
@@ -64,14 +64,14 @@ class SeriesDriver:
         self._numbers[place : place + len(numbers)] = numbers
 
     def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
-        """Set the three parts of the array of numbers, from their lengths."""
+        """Set the three arrays that the loop reads: parts of `numbers` with the lengths `sizes`."""
         begin = 0
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
             self._call.give(**{name: numbers[begin:]})
             begin += size
 
     def watch(self, memory: EventMemory) -> None:
-        """Find zeros of the event functions and surfaces of a memory from now on, if its record is enabled."""
+        """Find zeros of the event functions and surfaces of `memory` from now on, if its `record` is enabled."""
         self._memory, self._numbers, code = memory, None, self._code
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
         self._call.give(**{name: getattr(memory, attribute) for name, attribute in WATCHED})
@@ -84,17 +84,20 @@ class SeriesDriver:
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Set the compensation of rounding errors to zero, because the state has jumped."""
+        """Set the rounding errors carried by compensated sums to zero, because the state has jumped."""
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Keep the state in the memory of the driver, so that no step copies it; see `Driver`."""
+        """Make the state's vector y a view of the driver's memory, so that no step copies it.
+
+        The entries of y are lost.
+        """
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run; see `Driver`."""
+        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n)."""
         if state is not self._state:
             self._state = state
             if self._memory is None and self._code.layout.watched:
@@ -123,7 +126,7 @@ class SeriesDriver:
         return outcome
 
     def _count(self, steps: int) -> None:
-        """Count steps of code that is compiled quickly. After many of them optimized code replaces it."""
+        """Report that `steps` more steps were taken. After many steps, switch to optimized code."""
         self._call.count(steps)
         if self._code.count(steps):
             self._call.give(jet=self._code.function)

@@ -1,6 +1,7 @@
 """Series programs in Python: the Taylor coefficients of a motion in any arithmetic. The readable reference.
 
-With floats it is the numpy machine's; with mpmath's numbers it gives reference solutions of any precision.
+With floats this is the series of the numpy machine. With mpmath's numbers it gives reference solutions of any
+precision.
 """
 
 from __future__ import annotations
@@ -25,16 +26,20 @@ Numbers = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Jet:
-    """A series program with its parameters and sides: `coefficients` gives the series at a state."""
+    """A series program with its parameters and sides of switching surfaces.
+
+    `coefficients` computes the series at a state.
+    """
 
     program: SeriesProgram
     parameters: Sequence[Any] | Numbers
     arithmetic: Arithmetic = field(default=FLOATS)
 
     def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
-        """Return the normalised Taylor coefficients of every value, (order + 1, values), at a time and a state (2n,).
+        """Return the Taylor coefficients of all values of the program, (order + 1, values), at time t and state y.
 
-        Those of order k are multiplied by scale**k. The state is y + `low`, with the rounding error `low` (2n,).
+        Coefficients of order k are derivatives divided by k! and multiplied by scale**k. The state is y + `low`, where
+        `low` (2n,) is a correction below the rounding of y.
 
         Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
         """
@@ -62,7 +67,7 @@ class Jet:
 
     @cached_property
     def _with_systems(self) -> Arithmetic:
-        """The arithmetic with linear systems, which give accelerations and multipliers at order 0."""
+        """The arithmetic extended by linear systems, which give accelerations and multipliers at order 0."""
 
         def factor(n: int, *triangle: Any) -> Eliminated:
             matrix = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
@@ -81,12 +86,12 @@ class Jet:
 
     @cached_property
     def _constant(self) -> list[Eliminated | None]:
-        """The matrix of each stage, eliminated, or None for a stage whose matrix is not constant."""
+        """The matrix of each stage after elimination, or None for a stage whose matrix is not constant."""
         rest = iter(self._table[len(self.program.numbers) :])
         return [None if stage.plan.moving else self._eliminated(stage.plan, rest) for stage in self.program.stages]
 
     def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
-        """Return the matrix of each stage after elimination, from lower triangles."""
+        """Return the matrix of each stage after elimination. `triangles` has the lower triangles of all matrices."""
         rest, stages = iter(triangles), self.program.stages
         return [
             self._eliminated(stage.plan, rest) if known is None else known
@@ -94,7 +99,10 @@ class Jet:
         ]
 
     def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
-        """Return a matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
+        """Return the matrix (n, n) of a plan after elimination. `entries` yields the lower triangles of its blocks.
+
+        Raises SingularMassMatrix.
+        """
         mass = np.full((plan.size, plan.size), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         for i, j in plan.triangle:
             mass[i, j] = mass[j, i] = next(entries)
@@ -103,7 +111,7 @@ class Jet:
         return Eliminated(mass)
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
-        """Compute the coefficients of order k of some values, and write them to x."""
+        """Compute the coefficients of order k of the values with indices `members`, and write them to x."""
         for i in members:
             rule = self.program.rules[i]
             if rule.op not in ("coordinate", "unknown"):
@@ -112,14 +120,14 @@ class Jet:
 
 
 class Eliminated:
-    """A matrix after elimination with pivoting, in any arithmetic: it solves for one right-hand side after another.
+    """A matrix after elimination with pivoting, in any arithmetic, which solves for any number of right-hand sides.
 
     With many digits only a pivot of zero is singular. Doubles are tested more strictly before. A matrix with an entry
-    that is not finite is not called singular.
+    that is not finite does not count as singular.
     """
 
     def __init__(self, matrix: Numbers) -> None:
-        """Eliminate. Raises SingularMassMatrix."""
+        """Eliminate the matrix (n, n). Raises SingularMassMatrix."""
         self._upper = a = matrix.copy()
         self._rows: list[tuple[int, Numbers]] = []
         finite = a.dtype != float or bool(np.isfinite(a).all())
@@ -133,7 +141,7 @@ class Eliminated:
             self._rows.append((pivot, factors))
 
     def solve(self, right: Sequence[Any]) -> Numbers:
-        """Return the solution for a right-hand side."""
+        """Return the solution (n,) for a right-hand side (n,)."""
         n = len(right)
         a = np.concatenate([self._upper, np.array(right, dtype=self._upper.dtype)[:, None]], axis=1)
         x = a[:, n]
@@ -147,7 +155,7 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Value i at order k, with the coefficients x so far, the rule's arguments and its constants."""
+    """The coefficient to compute: value i at order k. `x` has all coefficients so far, `args` the rule's arguments."""
 
     x: Numbers
     k: int
@@ -158,22 +166,22 @@ class _Place:
 
     @property
     def u(self) -> Numbers:
-        """The value's own coefficients."""
+        """The coefficients of value i itself, of orders 0 to k."""
         return self.x[: self.k + 1, self.i]
 
     def arg(self, which: int) -> Numbers:
-        """Return the coefficients of an argument, of orders 0 to k."""
+        """Return the coefficients of the argument with index `which`, of orders 0 to k."""
         return self.x[: self.k + 1, self.args[which]]
 
 
 def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
-    """Return the sum of a[j] b[k-j] over first <= j <= last, where a and b have the orders 0 to k."""
+    """Return the sum of a[j]*b[k-j] over first <= j <= last, where a and b have the entries 0 to k."""
     k = len(a) - 1
     return a[first : last + 1].dot(b[k - last : k - first + 1][::-1])
 
 
 def _ranked(a: Numbers) -> Numbers:
-    """Return coefficients in which entry j is multiplied by j."""
+    """Return the coefficients a, with entry j multiplied by j."""
     return np.arange(len(a)) * a
 
 
@@ -202,7 +210,7 @@ def _sqrt(at: _Place) -> Any:
 
 
 def _flat(at: _Place) -> Any:
-    """Return a coefficient of a root of zero: 0 if the argument stays zero, and undefined if the argument changes."""
+    """Return a coefficient of the root of zero: 0 if the argument stays zero, NaN if the argument changes."""
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
 

@@ -1,4 +1,4 @@
-"""Series programs on the numpy machine: the interpreted series, and its dense output."""
+"""Series programs on the numpy machine: the interpreted series, its steps and its dense output."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from lagrange.program.series import SeriesProgram
 
 @lru_cache(maxsize=64)
 def printed_steps(layout: TaylorLayout) -> PrintedProcedure:
-    """Return the loop over steps for a layout."""
+    """Return the loop over Taylor steps for a layout, printed as Python."""
     return PrintedProcedure(taylor_steps.form(layout=layout))
 
 
 class NumpySeries(Shared):
-    """A series program that is interpreted."""
+    """A Taylor series program that is interpreted (implements `Series` and `SeriesCode`)."""
 
     is_final = True
 
@@ -43,35 +43,41 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return the word for the status card; see `Series`."""
+        """Return one word for the printed summary of a run that says how the series is computed."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
-        """Return the order by cost; see `Series`. Interpreting costs as much at every order."""
+        """Return the order that reaches a relative tolerance at the lowest cost.
+
+        Interpretation takes as long at every order.
+        """
         return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
 
     @cached_property
     def values(self) -> Kernel:
-        """The event functions and switching surfaces as a kernel of the state; see `Series`."""
+        """The kernel of the event functions and switching surfaces."""
         return self.load(self.program.values)
 
     @cached_property
     def layout(self) -> TaylorLayout:
-        """The layout of the series for every order."""
+        """The layout of the series in memory, which serves every order."""
         return TaylorLayout.of(self.program)
 
     @property
     def loop(self) -> PrintedProcedure:
-        """The loop over steps; see `SeriesCode`."""
+        """The loop over Taylor steps, printed as Python."""
         return printed_steps(self.layout)
 
     @property
     def function(self) -> Callable[..., bool]:
-        """The function that computes the series; see `SeriesCode`."""
+        """The Python function that computes the series."""
         return _with_numbers(self)
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return the parameters for the series and for the event functions, without constants; see `SeriesCode`."""
+        """Return one array of the parameters of the series and of the event functions, and the length of each part.
+
+        There are no constants: the length of that part is zero.
+        """
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 
     def count(self, steps: int) -> bool:
@@ -87,11 +93,11 @@ class NumpySeries(Shared):
         return Callback(between_arrays(kernel), parameters)
 
     def code(self, order: int) -> NumpySeries:
-        """Return the series itself, which serves every order; see `Series`."""
+        """Return the series itself, which serves every order."""
         return self
 
     def dense(self, order: int, parameters: FloatArray) -> NumpySeriesDense:
-        """Return the dense output of steps; see `Series`."""
+        """Return the dense output of Taylor steps of an order."""
         return NumpySeriesDense(self, order, parameters)
 
     def rows(
@@ -103,7 +109,10 @@ class NumpySeries(Shared):
         parameters: FloatArray,
         low: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the scaled coefficients at the state y + low, where `low` is below rounding; see `Series`."""
+        """Return the scaled Taylor coefficients at the state y + `low`: row k has those of order k, times scale**k.
+
+        `low` (2n,) is a correction below the rounding of y, None for zero. Event functions and surfaces come last.
+        """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
             zero = np.zeros(order + 1)
@@ -112,7 +121,7 @@ class NumpySeries(Shared):
             return rows
 
     def _jet(self, parameters: FloatArray) -> Jet:
-        """Return the series for some parameters and sides, kept until these change."""
+        """Return the interpreted series for these parameters and sides, cached until they change."""
         key, known = parameters.tobytes(), self._prepared
         if known is None or known[0] != key:
             known = self._prepared = key, Jet(self.program, parameters.copy())
@@ -121,7 +130,7 @@ class NumpySeries(Shared):
 
 @dataclass(frozen=True, eq=False)
 class NumpySeriesDense(NumpyDense):
-    """The dense output of steps by a series at one order, for one set of parameters and sides."""
+    """The dense output of Taylor steps of one order, for one set of parameters and sides."""
 
     series: NumpySeries
     order: int
@@ -130,17 +139,17 @@ class NumpySeriesDense(NumpyDense):
 
     @property
     def dimension(self) -> int:
-        """The length of a state."""
+        """The length 2n of a state."""
         return self.series.program.states
 
     @property
     def degree(self) -> int:
-        """The order."""
+        """The degree of the polynomials, which is the order of the series."""
         return self.order
 
     @property
     def width(self) -> int:
-        """The length of a row of the series."""
+        """The length of a row of coefficients of the series."""
         return self.dimension + len(self.series.program.watched)
 
     def size(self, columns: int) -> int:
@@ -148,13 +157,13 @@ class NumpySeriesDense(NumpyDense):
         return 2 * self.dimension + (self.order + 1) * self.width
 
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials by the series; see `NumpyDense`."""
+        """Write the polynomials of a block of `columns` steps to `out`, from the series at the start of each step."""
         jet = _between_arrays(self.series, self.parameters)
         write_series(jet, self.dimension, self.width, self.order, columns, own, beside, work, out)
 
 
 def _with_numbers(series: NumpySeries) -> Callable[..., bool]:
-    """Return a series as the function that the loop calls, which reads parameters and sides from an array."""
+    """Return a series as the function that the loop over steps calls. It reads parameters and sides from an array."""
     count = series.program.constants.parameters
 
     def jet(t: float, scale: float, y: Any, numbers: Any, constants: Any, rows: Any, order: int) -> bool:
@@ -167,7 +176,7 @@ def _with_numbers(series: NumpySeries) -> Callable[..., bool]:
 def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
     """Return a series for fixed parameters as the function that the loop over steps calls.
 
-    It returns True for a singular matrix. The array of the state has its 2n entries, then their rounding errors.
+    It returns True for a singular matrix. The array of the state has 2n entries, then their 2n rounding errors.
     """
 
     def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:

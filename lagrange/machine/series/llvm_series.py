@@ -1,7 +1,7 @@
-"""Series programs in machine code: the jet, and the numbers that it reads.
+"""Series programs in machine code: the jet (function that computes the series), and the numbers that it reads.
 
 `c` is the inverse of a constant mass matrix by columns, or the diagonal of a diagonal one, then the constants as
-vectors, each where the code reads it.
+vectors, in the order in which the code reads them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([
 
 
 class LlvmSeries(Shared):
-    """A series program in machine code: written out for each order that is asked for, or in loops for all orders."""
+    """A Taylor series program in machine code: unrolled for each order requested, or in loops that serve all orders."""
 
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
@@ -61,7 +61,7 @@ class LlvmSeries(Shared):
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return whether the code of an order is in loops or written out; see `Series`."""
+        """Return one word for the printed summary of a run: whether the code of an order is unrolled or in loops."""
         return "in loops" if self._is_large(order) else "written out"
 
     def _is_large(self, order: int) -> bool:
@@ -70,13 +70,13 @@ class LlvmSeries(Shared):
         return self._large[order]
 
     def order(self, tolerance: float) -> int:
-        """Return the order by cost; see `Series`."""
+        """Return the order that reaches a relative tolerance at the lowest cost."""
         if tolerance not in self._orders:
             self._orders[tolerance] = cheapest_order(self._packing, tolerance)
         return self._orders[tolerance]
 
     def code(self, order: int) -> CompiledJet:
-        """Return the machine code for an order."""
+        """Return the machine code of the series for an order."""
         key = 0 if self._is_large(order) else order
         if key not in self._compiled:
             with refused():
@@ -85,21 +85,21 @@ class LlvmSeries(Shared):
 
     @cached_property
     def values(self) -> LlvmKernel:
-        """The event functions and switching surfaces as a kernel of the state; see `Series`."""
+        """The kernel of the event functions and switching surfaces."""
         return function(self.program.values)
 
     def dense(self, order: int, parameters: FloatArray) -> LlvmSeriesDense:
-        """Return the dense output of steps; see `Series`."""
+        """Return the dense output of Taylor steps of an order."""
         return LlvmSeriesDense(self, order, parameters)
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the series at a state; see `Series`."""
+        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k, times scale**k."""
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
 @dataclass(frozen=True, eq=False)
 class LlvmSeriesDense(LlvmDense):
-    """The dense output of steps by a series at one order, for one set of parameters and sides."""
+    """The dense output of Taylor steps of one order, for one set of parameters and sides."""
 
     series: LlvmSeries
     order: int
@@ -107,16 +107,16 @@ class LlvmSeriesDense(LlvmDense):
 
     @property
     def dimension(self) -> int:
-        """The length of a state."""
+        """The length 2n of a state."""
         return self.series.program.states
 
     @property
     def degree(self) -> int:
-        """The order."""
+        """The degree of the polynomials, which is the order of the series."""
         return self.order
 
     def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials, with the address of the series; see `LlvmDense`."""
+        """Return the callback that writes the polynomials of a block of steps, with the address of the series."""
         compiled = self.series.code(self.order)
         return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
 
@@ -130,7 +130,7 @@ def function(program: Program) -> LlvmKernel:
 
 @contextmanager
 def refused() -> Iterator[None]:
-    """Raise RunError in place of an error of LLVM, with the advice to use the numpy machine."""
+    """Context that replaces an error of LLVM by RunError, with the advice to use the numpy machine."""
     try:
         yield
     except RuntimeError as error:
@@ -138,7 +138,7 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """A packed series in machine code at one order; order 0 means loops that serve every order."""
+    """A Taylor series in machine code at one order. Order 0 means loops that serve every order."""
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
@@ -159,7 +159,7 @@ class CompiledJet:
 
     @property
     def ir(self) -> str:
-        """The LLVM IR."""
+        """The LLVM IR of the series."""
         return self._module.ir
 
     @property
@@ -178,22 +178,25 @@ class CompiledJet:
 
     @property
     def is_final(self) -> bool:
-        """True if the code is not compiled again."""
+        """True if the code will not be compiled again."""
         return self.tiers is None or self.tiers.is_final
 
     def count(self, steps: int) -> bool:
-        """Count steps of code that is compiled quickly, and return True when optimized code replaces it."""
+        """Report that `steps` more steps were taken.
+
+        Return True when optimized code replaces the code compiled quickly.
+        """
         if self.tiers is None or self.tiers.is_final:
             return False
         self.tiers.count(steps)
         return self.tiers.is_final
 
     def load(self, program: Program) -> LlvmKernel:
-        """Return the kernel of a program, compiled once."""
+        """Return the kernel of a program, compiled once per process."""
         return function(program)
 
     def callback(self, kernel: Any, parameters: FloatArray) -> Callback:
-        """Return the address of a kernel and its prepared parameters."""
+        """Return the address of a kernel, and its parameters followed by all values that depend on them alone."""
         return Callback(kernel.address, kernel.prepare(parameters))
 
     @property
@@ -212,7 +215,11 @@ class CompiledJet:
         return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
-        """Return `p`, `c` and the numbers of the kernel of event functions in one array, with the length of each."""
+        """Return one array of the numbers for a run, and the length of each of its parts.
+
+        The parts are `p`, `c` and the numbers of `values`, the kernel of event functions, or None. The last array is
+        cached.
+        """
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
             parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
@@ -220,7 +227,10 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled coefficients of the state and of the watched functions; see `Series`."""
+        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k, times scale**k.
+
+        Event functions and switching surfaces come last.
+        """
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
@@ -231,7 +241,7 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout of a series at one order, or for every order with an order of 0."""
+    """Return the layout in memory of a series at one order; order 0 means loops that serve every order."""
     program = packing.program
     block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
     if order:
@@ -241,7 +251,10 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
-    """Return the IR of the module of a series. Procedures of other modules that it calls are compiled first."""
+    """Return the IR of the module of a series, with the procedures `jet` and `prepare`.
+
+    Procedures of other modules that they call are compiled first.
+    """
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
         inversion()

@@ -1,6 +1,6 @@
 """The loop over Taylor steps in machine code. It calls a series by its address, so all series of a layout share it.
 
-The procedures for events are the same for all layouts, and are compiled once per process.
+The procedures that find events are the same for all layouts, and are compiled once per process.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BUILDING = threading.RLock()
 
 @lru_cache(maxsize=64)
 def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
-    """Return the loop for a layout."""
+    """Return the compiled loop over Taylor steps for a layout."""
     with _BUILDING:
         loop = taylor_steps.form(layout=layout)
         if not layout.watched:
@@ -34,12 +34,12 @@ def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
 
 
 def event_procedures() -> tuple[Procedure, ...]:
-    """Return the procedures that a loop calls for events and switching surfaces."""
+    """Return the procedures that the loop calls to find events and crossings of switching surfaces."""
     return inspect_step.form(), begin_sides.form(), reset_state.form(), cross_surface.form()
 
 
 def link_events(*, well: bool) -> None:
-    """Make the procedures of events available to modules loaded later, optimized (`well`) or compiled quickly."""
+    """Make the event procedures available to modules loaded later: optimized if `well`, else compiled quickly."""
     with _BUILDING:
         if well or not _events.cache_info().currsize:
             _events(well)
@@ -47,7 +47,7 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile the procedures of events and register their addresses under their names."""
+    """Compile the event procedures and register their addresses under their names. `well` asks for optimization."""
     reached = transitive_callees(event_procedures())
     texts = [function(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
     module = Module(joined(texts), merge=well, quickly=not well)

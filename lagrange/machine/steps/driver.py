@@ -1,4 +1,4 @@
-"""The driver of step programs on every machine: calls of the compiled or printed loop over steps."""
+"""The driver of step programs on every machine: it calls the compiled or printed loop over steps."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from lagrange.program.step import StepProgram
 
 
 class StepDriver:
-    """Takes the steps of a step program for one law and one set of parameters; see `Driver`.
+    """Takes the steps of a step program for one right-hand side and one set of parameters (implements `Driver`).
 
-    It keeps the data of the Newton solves of the steps in its work array.
+    Data of Newton's method, such as matrices, are kept in the driver's work array.
     """
 
     def __init__(
@@ -59,19 +59,25 @@ class StepDriver:
         self._function: StepFunction | None = None
 
     def _starting(self, layout: Layout) -> list[Any]:
-        """Return the records of the solves of the starter, whose layout follows the vectors of the step."""
+        """Return the records of Newton's method in the starter (the method of the first steps).
+
+        The layout of the starter follows the vectors of the step.
+        """
         return [self._record(NEWTON, layout.end + solve.flags) for solve in layout.starting.solves]
 
     def _record(self, record: Record, place: int) -> Any:
-        """Return the record in the work array at an index."""
+        """Return the record that begins at index `place` of the work array."""
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * place)
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the state keeps its own memory; see `Driver`."""
+        """Do nothing: the state keeps its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run; see `Driver`. `rows` needs one spare block after its last row."""
+        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
+
+        `rows` needs one spare block after its last row.
+        """
         self._work[self._entries] = state.y
         self._use(state)
         if state.integers[DriverState.RECORD]:
@@ -89,7 +95,7 @@ class StepDriver:
         return outcome
 
     def _use(self, state: DriverState) -> None:
-        """Advance this state from now on."""
+        """Advance this state from now on: pass its arrays to the loop."""
         if state is not self._state:
             self._state = state
             self._call.give(**state.records())
@@ -97,7 +103,7 @@ class StepDriver:
     def function(self, state: DriverState) -> StepFunction:
         """Return the compiled function that takes steps of a state, for another compiled loop.
 
-        It changes after many steps.
+        After many steps another function replaces it.
         """
         self._use(state)
         self._budget = None
@@ -107,12 +113,12 @@ class StepDriver:
         return self._function
 
     def count(self, steps: int) -> None:
-        """Count steps of code that is compiled quickly, and switch to optimized code when it is ready."""
+        """Report that `steps` more steps were taken, and switch to optimized code when it is ready."""
         if self._call.count(steps):
             self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
-        """Return the kept data of each solve of the steps, followed by those of the starter."""
+        """Return the data that each solve by Newton's method keeps: first for the steps, then for the starter."""
         layout, starting = self._layout, self._layout.starting
         solves = [(layout, self._work, *pair) for pair in zip(self._newtons, layout.solves, strict=True)]
         if self._starters:

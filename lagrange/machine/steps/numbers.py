@@ -1,4 +1,4 @@
-"""The coefficients of a step as functions of t, h and the ratio of steps."""
+"""The coefficients of a step as functions of the time t, the step h and the ratio of successive steps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lagrange.program.step import StepProgram
 
 
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
-    """Return every coefficient of a step at time t, for the step h and its ratio to the step before.
+    """Return every coefficient of a step at time t with step size h. `ratio` is h divided by the step before.
 
     `scalars` is the program of all coefficients, built once for many steps.
     """
