@@ -39,8 +39,8 @@ def projection(equations: Equations) -> Named:
     constraint. The remainder is the sum, over all constraints, of the second-order term along the corrections. Near a
     configuration with dependent constraints the corrections are large, and the remainder may exceed the violation.
 
-    With coordinates of first order, the violation of the stated constraints follows, without that of the relations that
-    determine their velocities at the start.
+    Some constraints may be relations that determine the velocities of coordinates of first order. Then a second
+    violation follows, of the other constraints alone.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero

@@ -166,7 +166,7 @@ class SeriesProgram:
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the values that are read other than by a rule at the same order. With `left`, momenta are included."""
+        """Return the values that are not only read by rules at their own order; with `left` also the momenta."""
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = self.kept | self.ranked | self.lagged
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
@@ -178,7 +178,7 @@ class SeriesProgram:
 
     @cached_property
     def ranked(self) -> frozenset[int]:
-        """Values whose coefficients of lower orders are read times their order, j x[j]."""
+        """Values whose coefficients x[j] of lower orders are read multiplied by the order, as j * x[j]."""
         found: set[int] = set()
         for i, (op, args, _) in enumerate(self.rules):
             if op == "along":

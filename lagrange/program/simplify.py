@@ -72,7 +72,7 @@ class _Simplifier:
         """Terms of each new sum that has no reader yet."""
 
     def made(self) -> Program:
-        """Return the new program."""
+        """Return the new, simplified program."""
         for one, uses in zip(self.program.instructions, _uses(self.program), strict=True):
             value = self.again(one)
             self.values.append(value)

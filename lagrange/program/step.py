@@ -480,7 +480,7 @@ class Recorder:
         return results if len(results) > 1 else results[0]
 
     def solve(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
-        """Record unknown vectors and return them; the arguments are those of `Solver`."""
+        """Record unknown vectors and return them. `Solver` documents the arguments."""
         if not self.law.derivative or self.inside is not None:
             raise StatementError(
                 f"step function {self.name} cannot solve here: solve is for the laws 'rhs', 'momentum' and "

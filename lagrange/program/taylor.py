@@ -255,7 +255,7 @@ class _Assembly:
     def momentum(self, node: Node) -> int | None:
         """Return the number of the value of a momentum, up to a constant, or None for zero.
 
-        Momenta inside it are added first.
+        Other momenta that it contains are added first.
         """
         todo = [node]
         while todo:
@@ -347,9 +347,9 @@ class _Assembly:
         )
 
     def stages(self) -> tuple[Stage, ...]:
-        """Return the stage of the velocities, then that of accelerations and multipliers if these are watched.
+        """Return the stage of the velocities, then the stage of accelerations and multipliers if these are watched.
 
-        In rates of bodies, the second stage contains the derivatives of quaternions.
+        For a system in angular rates of bodies, the second stage has the velocities of quaternions instead.
         """
         b = self.builder
         first = Stage((*self.unknowns, *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)

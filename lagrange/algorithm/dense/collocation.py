@@ -64,7 +64,7 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
 
 
 def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
-    """Return the Lagrange polynomial that is 1 at point number `which` and 0 at the others."""
+    """Return the Lagrange polynomial that is 1 at point number `which` and 0 at the other points."""
     others = np.delete(points, which)
     found: Polynomial = Polynomial.fromroots(others) / np.prod(points[which] - others)
     return found
@@ -104,7 +104,7 @@ def increments(block: PolynomialBlock) -> None:
 def linearize(block: PolynomialBlock, step: OwnStep) -> None:
     """Write the inverse of I - h A J for the inner stages, with J the derivative of the law at the end of each step.
 
-    It is NaN in all columns if a mass matrix is singular.
+    The inverse is NaN in all columns if a mass matrix is singular.
     """
     n, columns, stages = block.dimension, block.columns, block.stages
     _, (time, row, _), slopes = block.lay_out(INCREMENTS)

@@ -85,8 +85,9 @@ class Cubic:
 def hermite(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
-    `changes` are the differences of the slopes at the inner nodes from those of the cubic, followed by those of the
-    next iterate. `moved` is the change of each column in the last iteration, 0 once it diverges.
+    `changes` are the differences between the slopes of the path and of the cubic at the inner nodes, followed by the
+    same differences for the next iterate. `moved` is the change of each column in the last iteration, 0 once the
+    iteration diverges.
     """
     own = steps_in(block.own, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -139,7 +140,7 @@ def measure(block: PolynomialBlock) -> None:
 
 @inline
 def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
-    """Write the next trial: the changes of slopes along the integral of the present ones."""
+    """Write the next iterate: the right-hand side minus the cubic's slope, along the integral of the present slopes."""
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
     to_states = block.table[stages:]

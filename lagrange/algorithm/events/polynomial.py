@@ -49,7 +49,7 @@ def value(c: In, count: int, s: float) -> float:
 
 @procedure(apart=True)
 def derivative(c: In, count: int, slopes: Out) -> None:
-    """Write the coefficients of a polynomial's derivative, padded like those of the polynomial."""
+    """Write the coefficients of a polynomial's derivative to `slopes`, padded with zeros to whole blocks."""
     for k in range(1, count):
         slopes[k - 1] = float(k) * c[k]
     pad(slopes, count - 1, count)

@@ -26,8 +26,8 @@ def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
 def transform(values: Reals) -> Reals:
     """Return Chebyshev coefficients from the values at the nodes.
 
-    Polynomials of even degree are symmetric about the middle, the others antisymmetric. So half of the products
-    suffice.
+    Polynomials of even degree are symmetric about the middle, polynomials of odd degree antisymmetric. So half of the
+    products suffice.
     """
     degree = len(values) - 1
     middle = degree // 2
@@ -52,7 +52,7 @@ def keeps_sign(coefficients: Reals, noise: float) -> bool:
 
 @inline
 def largest(values: Reals) -> float:
-    """Return the largest magnitude of some numbers, NaN if one of them is NaN."""
+    """Return the largest magnitude of the values, NaN if one of them is NaN."""
     size = values[0]
     for number in values[1:]:
         size = magnitude(size, number)

@@ -106,7 +106,7 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return the point with the value nearest to zero, between the last sign beyond the noise and `high`."""
+        """Return the point with the value nearest to zero, between the point of the last sign and `high`."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
 

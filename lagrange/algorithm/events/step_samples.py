@@ -352,7 +352,7 @@ def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -
 
 @inline
 def extent(values: Reals) -> tuple[float, float]:
-    """Return the smallest and the largest of some numbers, ignoring NaN."""
+    """Return the smallest and the largest of the values, ignoring NaN."""
     low = high = values[0]
     for value in values[1:]:
         low, high = value if value < low else low, value if value > high else high

@@ -30,10 +30,11 @@ MOSTLY_ZERO = 4
 class Style:
     """How the solution of linear systems is printed in a procedure.
 
-    Eliminations up to size `largest` are written out, with up to `substituted` multiplications of substitutions. Up to
-    `systems` systems with one matrix are solved together, with up to `entries` entries in solutions that are written
-    out. Systems in memory are solved `side_by_side`, or one after the other. Without `pivoting` a system fails if a
-    pivot in the given order is too small. Inputs are read `early`, at the start, or at their first use.
+    Eliminations up to size `largest` are written out, with up to `substituted` multiplications in their substitutions.
+    Up to `systems` systems with the same matrix are solved together. Written-out solutions have up to `entries` entries
+    in total. Systems in memory are solved as adjacent columns if `side_by_side`, else one after the other. Without
+    `pivoting` a system fails if a pivot in the original order is too small. If `early`, inputs are read at the start of
+    the procedure, else at their first use.
     """
 
     largest: int = LARGEST_IN_SOURCE

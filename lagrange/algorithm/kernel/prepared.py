@@ -17,9 +17,10 @@ LARGEST_IN_SOURCE = 20
 class PreparedLayout:
     """Indices of the hoisted results of several programs in one array, which begins with the parameters.
 
-    `size` is its length. `program` computes the prepared results, with their indices `saved`. `slots` are the indices
-    for each of the `programs`. A written-out factorization stores the nonzero entries of L by rows with 1/d on its
-    diagonal, then the flag that its pivots are large enough. Others store the factors of `factor_dense`.
+    `size` is the length of the array. `program` computes the hoisted results, and `saved` maps them to indices in the
+    array. `slots` has such a map for each of the `programs`. A written-out factorization stores the nonzero entries of
+    L by rows with 1/d on the diagonal, then the flag that its pivots are large enough. Other factorizations store the
+    factors of `factor_dense`.
     """
 
     programs: tuple[Program, ...]

@@ -1,7 +1,7 @@
 """Inverses of many matrices at once, one in each column: Gauss-Jordan elimination with partial pivoting.
 
-Entry (r, c) of the matrix of column b is at ((r * 2 order) + c) * columns + b. Each row is followed by that of the
-inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
+Entry (r, c) of matrix number b is at index (r * 2 * order + c) * columns + b. Each row of a matrix is followed by the
+row of the inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
 @procedure(a=lambda: Array(room=WIDEST_VECTOR), row=lambda: Array(room=WIDEST_VECTOR))
 def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
-    """Invert the matrix of each column, and write its rows after those of the matrix.
+    """Invert `columns` matrices of size `order`, and write the rows of the inverses after the rows of the matrices.
 
-    `row` is work memory, one number for each column. The inverse of a singular matrix is not finite.
+    `row` is work memory, one number for each matrix. The inverse of a singular matrix is not finite.
     """
 
     def entry(r: int, c: int) -> Writable[float]:

@@ -131,7 +131,7 @@ def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
 
 @inline
 def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
-    """Subtract multiples of row k from the others, and replace column k by that of the inverse.
+    """Subtract multiples of row k from all other rows, and replace column k by the column of the inverse.
 
     Whole blocks are stored, including the entry of column k: storing this entry separately would delay the next load of
     its block.

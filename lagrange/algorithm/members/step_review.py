@@ -1,6 +1,6 @@
 """The review of one step of a member for events: the same samples and decisions as on the blocks of single runs.
 
-See `lagrange.algorithm.events.step_review`.
+The review of single runs is in `lagrange.algorithm.events.step_review`.
 """
 
 from __future__ import annotations

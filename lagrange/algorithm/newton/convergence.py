@@ -43,13 +43,13 @@ def assess_correction(
     adaptive: bool,
     constrained: bool = False,
 ) -> Outcome:
-    """Decide by the norms of its corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
+    """Decide by the norms of corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
 
-    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` those with the
-    current matrix. `norm` is the size of this correction, `previous` that of the correction before. The first
+    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` the corrections
+    with the current matrix. `norm` is the size of this correction, and `previous` the size of the last one. The first
     correction measures no contraction rate: the rate of the previous step is used. For a `constrained` step with error
-    control it is `DIVERGENCE_RATE`, because there the rate depends on the turning of the constraints' gradients, and
-    does not decrease with the step.
+    control (`adaptive`), the rate `DIVERGENCE_RATE` is used instead: there the rate depends on the turning of the
+    constraints' gradients, and does not decrease with the step.
     """
     first = iteration == 0
     measured = norm / previous

@@ -195,7 +195,7 @@ class _ByOrder(ChunkAt):
 
 
 def _kept(packing: Packing) -> Iterator[Operand]:
-    """Return the operands that later orders read: the factors of sums, and those read at the next order."""
+    """Yield the operands that later orders read: the factors of sums, and the operands read at the next order."""
     yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
     yield from (*packing.delayed, *packing.rates)
     if packing.lanes > 1:

@@ -50,7 +50,7 @@ class Image:
         self.size = whole_blocks(self.end, ALIGNED)
 
     def place_homes(self, wanted: dict[Operand, None] | None) -> None:
-        """Choose indices for computed chunks: for those among the operands `wanted`, or for all others if None."""
+        """Choose indices for the computed chunks that have none, and are in `wanted` as operands (or all, if None)."""
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
             if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
@@ -67,7 +67,7 @@ class Image:
         return begin
 
     def place(self, operand: Operand) -> None:
-        """Choose the index of an operand: that of values which are adjacent and in order already, or a new one."""
+        """Choose the index of an operand: where its values are adjacent and in order already, or a new index."""
         if operand in self.places:
             return
         begin = self.homes.get(operand.values[0], NOWHERE)

@@ -53,8 +53,9 @@ class TaylorProcedures:
     """The integrator of a series program, whose numbers are in the prepared array from index `begin` on.
 
     The run takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its
-    constraints, with the type `CORRECTIONS` and the same prepared array. With `relations` some constraints are those of
-    coordinates of first order. With `watches` the series has event functions, for callers that use single procedures.
+    constraints, with the type `CORRECTIONS` and the same prepared array. With `relations` some constraints determine
+    the velocities of coordinates of first order. With `watches` the series may have event functions, for callers that
+    use single procedures.
     Raises StatementError for a system with switching surfaces.
     """
 
@@ -132,7 +133,7 @@ class TaylorProcedures:
         return jet.build(), jet.layout
 
     def prepare(self, others: Procedure) -> Procedure:
-        """Return the procedure that prepares the numbers of other functions, followed by those of the series."""
+        """Return the procedure that runs `others`, the `prepare` of other functions, and then that of the series."""
         first = replace(others, name=f"{others.name}_functions")
         both = prepare_both.form(first=first, second=self.numbers.prepare())
         return replace(both, name=others.name, about=others.about)

@@ -95,7 +95,7 @@ class LoopedJet(LoopJet):
     # --- memory
 
     def lay_out(self) -> None:
-        """Reserve arrays, and write the numbers that are the same at all orders."""
+        """Reserve local arrays. Write the constants, the values of order 0 and the reciprocals of divisors."""
         p, program = self.p, self.program
         chunks = self.packing.computed
         end = 0

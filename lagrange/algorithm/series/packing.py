@@ -25,9 +25,9 @@ MOST_VECTORS = 1.1
 class Alignment:
     """Divides groups of like values into parts that are read together, unless that takes too many vectors.
 
-    `vectors` counts the vectors of a part. The values of a part are read by the same rules at the same argument, or are
-    computed from the values of a part. For distances the squares of all x are one part, and those of all y the next, in
-    the same order. So sums read whole vectors.
+    `vectors` is a function from the number of values of a part to its number of vectors. The values of a part are read
+    by rules of the same part at the same argument, or are computed from values of the same part. Example: for distances
+    the squares of all x are one part, and the squares of all y the next, in the same order. So sums read whole vectors.
     """
 
     def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:

@@ -39,8 +39,7 @@ NEEDS_SIZES = -1.0
 def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
     """Return the length of the first step within a span, from three slopes, or NEEDS_SIZES.
 
-    For a law without slopes, such as that of momenta, it is a fraction of the span. The errors of the steps then
-    correct it.
+    For a law without slopes, such as momenta, the length is a fraction of the span. Step control then corrects it.
     """
     run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
     t, follows = run.t, run.share > 0.0
@@ -119,7 +118,7 @@ def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
 
 @inline
 def size(y: In, floors: In, rtol: float, i: int) -> float:
-    """Return the size of entry i, at least that of its floor."""
+    """Return the size of entry i of a state: its magnitude plus the magnitude for which the tolerance is the floor."""
     return abs(y[i]) + floors[i] / rtol
 
 

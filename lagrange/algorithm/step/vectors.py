@@ -39,10 +39,10 @@ def vectors_of(
     ratio: float = 1.0,
     state: Out | None = None,
 ) -> StepVectors:
-    """Return the vectors of a step, with the coefficients in calls and combinations, and `nodes`.
+    """Return the vectors of a step, with the values of all coefficients that `calls` and `combinations` need.
 
-    Coefficients depend on t, h and the `ratio` of h to the previous step. `state` has the entries of the state, if they
-    are kept in registers.
+    `nodes` are further coefficients to evaluate. They depend on t, h and the `ratio` of h to the length of the previous
+    step. `state` has the entries of the state, if they are kept in registers.
     """
     combined = [*[argument for call in calls for argument in call.arguments], *combinations]
     factors = [factor for combination in combined for _, factor in combination]
@@ -85,7 +85,7 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 
 @dataclass(frozen=True)
 class StepVectors:
-    """The vectors of a step, and the coefficients by which they are multiplied."""
+    """The vectors of a step in the work array, and the values `numbers` of coefficients, by node."""
 
     given: Running
     layout: Layout

@@ -140,8 +140,9 @@ def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bo
 def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
     """Change the scale of time to that of the step, for a new series. Return an outcome.
 
-    The scale becomes shorter if a coefficient overflowed. It becomes longer, up to the longest step, if the last
-    coefficients are zero.
+    `exponent` is the binary logarithm of the step, and `reach` that of the longest step, in units of the scale. The
+    scale becomes shorter if a coefficient overflowed. If the series `terminates`, it becomes as long as the longest
+    step.
     """
     tries, scale = taylor.rescalings, taylor.scale
     if tries >= MOST_RESCALINGS or abs(scale) < SHORTEST_SCALE:

@@ -1,8 +1,8 @@
 """The watched functions of a Taylor run: switching surfaces first, then event functions.
 
-Their series follow those of the state in each row. Regular zeros are handled by the loop. For all others the driver
-returns, with nothing changed. This module also has the record of arguments that the loop over steps passes to its
-parts.
+The series of these functions follow the series of the state in each row. The loop handles regular zeros. For all other
+zeros the driver returns, with nothing changed. This module also has the record of arguments that the loop over steps
+passes to its parts.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def moved_state(watched: Watched, layout: Any) -> Any:
 
 @inline
 def new_entries(watched: Watched, layout: Any) -> Any:
-    """Return the memory for the results of all resets, or the state at the end of a step."""
+    """Return memory that takes the results of all resets or, during verification, the state at the end of a step."""
     return moved_state(watched, layout)[layout.dimension + 2 * WIDEST_VECTOR :]
 
 
