@@ -1,4 +1,4 @@
-"""Reading of expressions from texts. Their size and structure are limited before they reach SymPy."""
+"""Reader of expressions in texts. Their size and structure are limited before they reach SymPy."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ _DOUBLES: dict[str, Callable[..., float]] = {
 
 
 def read_expression(text: str, names: Mapping[str, Any]) -> Any:
-    """Return the SymPy expression that a text states in the given names, `t` and `pi`.
+    """Return the SymPy expression that `text` states. Raises SceneError with the column.
 
-    `names` maps identifiers to SymPy objects. The text may hold numbers, + - * / **, the functions of `WORDS`, and
-    conditions such as `a if x < 0 else b`. Raises SceneError with the column.
+    `names` maps identifiers to SymPy objects; `t` and `pi` are known as well. The text may hold numbers, + - * / **,
+    the functions of `WORDS`, and conditions such as `a if x < 0 else b`.
     """
     return Expressions(names).read(text)
 
@@ -88,7 +88,8 @@ def read_number(text: str) -> float:
 def number_from_text(text: str) -> Any:
     """Return the SymPy number of a decimal text: a fraction if the decimal equals a short one, else the nearest double.
 
-    0.5 becomes 1/2, so x**0.5 is a square root. 9.81 stays 9.81. Raises RefusalError for a number that has no double.
+    0.5 becomes 1/2, so x**0.5 is a square root. 9.81 remains a decimal. Raises RefusalError for a number beyond the
+    range of doubles.
     """
     if text.isdigit():
         return sympy.Integer(int(text))
@@ -106,7 +107,7 @@ def number_from_text(text: str) -> Any:
 
 @dataclass(frozen=True)
 class ParsedValue:
-    """Result of a part of the text: an expression, and its value as a double if it is constant, else None.
+    """Result of reading a part of the text: an expression, and its value as a double if it is constant, else None.
 
     `literal` is true for a number without a sign, `chained` for a comparison of more than two values.
     """
@@ -122,12 +123,11 @@ Branch = tuple[ParsedValue, ParsedValue]
 
 
 class Reader:
-    """Reads one text by descent. Each part is built, and checked, as soon as its own parts are.
+    """Recursive-descent parser of one text. Each part is built and checked as soon as its own parts are.
 
-    SymPy evaluates the parts; the value of a constant is known as a double, too.
-
-    `constant` says that the text is to be a number, which changes the remedy for an unknown name. `calls` are names of
-    calls beside the functions.
+    SymPy evaluates the parts. The value of a constant is computed as a double, too. `names` maps identifiers to SymPy
+    objects, and `constants` some of them to doubles. `calls` are the names of calls other than functions of `WORDS`.
+    `constant` is true if the text must be a number, which changes the remedy for an unknown name.
     """
 
     unevaluated: ClassVar[bool] = False
@@ -160,21 +160,21 @@ class Reader:
 
     @property
     def token(self) -> Token:
-        """The next token, which is not consumed."""
+        """The current token."""
         return self.tokens[self.place]
 
     def take(self) -> Token:
-        """Consume the next token and return it."""
+        """Return the current token, and move to the next one."""
         self.place += 1
         return self.tokens[self.place - 1]
 
     def at(self, *texts: str, kind: str = "operator") -> bool:
-        """Return True if the next token is one of these operators, or of these words."""
+        """Return True if the current token is of this kind and one of these texts."""
         return self.token.kind == kind and self.token.text in texts
 
     @contextmanager
     def deeper(self) -> Iterator[None]:
-        """Count a level of nesting, which the next token begins. Raises SceneError beyond `DEEPEST_NESTING`."""
+        """Context of one more level of nesting. Raises SceneError at the current token beyond `DEEPEST_NESTING`."""
         self.depth += 1
         if self.depth > DEEPEST_NESTING:
             refuse(f"the expression is nested more than {DEEPEST_NESTING} deep: state it in parts.", self.token.offset)
@@ -182,7 +182,7 @@ class Reader:
         self.depth -= 1
 
     def built(self, start: int, build: Callable[..., ParsedValue], *parts: Any) -> ParsedValue:
-        """Return the checked result of `build(*parts)`. A SceneError points at the offset `start`."""
+        """Return the checked result of `build(*parts)`. A refusal becomes a SceneError at the offset `start`."""
         try:
             return self._checked(build(*parts))
         except RefusalError as refusal:
@@ -193,7 +193,7 @@ class Reader:
             refuse("this part has no finite real value.", start)
 
     def expression(self) -> ParsedValue:
-        """Return a value, or one with conditions: a if x < 0 else b if x < 1 else c."""
+        """Read a value, or values with conditions: a if x < 0 else b if x < 1 else c."""
         start, branches = self.token.offset, list[Branch]()
         value: ParsedValue | None = self.logic()
         while value is not None and self.at("if", kind="word"):
@@ -212,11 +212,11 @@ class Reader:
         return value
 
     def logic(self) -> ParsedValue:
-        """Return a condition or a value."""
+        """Read a condition or a value."""
         return self.comparison()
 
     def comparison(self) -> ParsedValue:
-        """Return a value, or the comparison of several, such as 0 < x < 1."""
+        """Read a value, or a comparison of several values, such as 0 < x < 1."""
         start, parts, signs = self.token.offset, [self.sum()], list[str]()
         while self.at(*COMPARISONS):
             signs.append(self.take().text)
@@ -224,7 +224,7 @@ class Reader:
         return self.built(start, self._compared, signs, parts) if signs else parts[0]
 
     def sum(self) -> ParsedValue:
-        """Return the value of a chain such as a - b + c, built as one sum: term by term would take quadratic time."""
+        """Read a chain of terms such as a - b + c. It is built as one sum, since term by term takes quadratic time."""
         start, parts, straight = self.token.offset, [self.product()], [True]
         while self.at("+", "-"):
             straight.append(self.take().text == "+")
@@ -232,7 +232,7 @@ class Reader:
         return self.built(start, self._summed, straight, parts) if len(parts) > 1 else parts[0]
 
     def product(self) -> ParsedValue:
-        """Return the value of a chain such as -a*b/c; a sign at its head is that of its first factor."""
+        """Read a chain of factors such as -a*b/c. The sign before the chain belongs to its first factor."""
         start, negative = self.token.offset, self.at("-")
         if self.at("+", "-"):
             with self.deeper():
@@ -249,7 +249,7 @@ class Reader:
         return self.built(start, self._multiplied, negative, straight, parts)
 
     def factor(self) -> ParsedValue:
-        """Return the value of a power, or of a factor with a sign."""
+        """Read a power, or a factor with a sign."""
         start, negative = self.token.offset, self.at("-")
         if not self.at("+", "-"):
             return self.power()
@@ -259,7 +259,7 @@ class Reader:
         return self.built(start, self._multiplied, negative, [True], [inner]) if negative else inner
 
     def power(self) -> ParsedValue:
-        """Return the value of an atom, or of a power of it."""
+        """Read an atom, or a power of an atom."""
         start, base = self.token.offset, self.atom()
         if not self.at("**"):
             return base
@@ -269,7 +269,7 @@ class Reader:
         return self.built(start, self._raised, base, exponent)
 
     def atom(self) -> ParsedValue:
-        """Return the value of a number, a name, a call, or an expression in parentheses."""
+        """Read a number, a name, a call, or an expression in parentheses."""
         token = self.token
         if token.kind == "number":
             self.take()
@@ -284,7 +284,7 @@ class Reader:
         raise SceneError(f"a value is missing before {token.text!r}.", column=token.offset + 1)
 
     def in_parentheses(self, *, several: bool = False) -> list[ParsedValue]:
-        """Return the values in parentheses, which begin at the next token: one, or `several` between commas."""
+        """Read values in parentheses, of which the current token opens the first: one, or `several` between commas."""
         with self.deeper():
             opened = self.take()
             values = [self.expression()]
@@ -299,7 +299,7 @@ class Reader:
         return values
 
     def named(self, token: Token) -> ParsedValue:
-        """Return the value of a name."""
+        """Return the value of the name `token`, which was read."""
         name = token.text
         if name in self.names:
             return self.built(token.offset, ParsedValue, self.names[name], self.constants.get(name))
@@ -311,7 +311,7 @@ class Reader:
         raise SceneError(reason, column=token.offset + 1)
 
     def call(self, token: Token) -> ParsedValue:
-        """Return the value of a function, or of another call, whose parentheses are the next token."""
+        """Read the arguments of the call whose name `token` was read, and return its value."""
         name = token.text
         if name == MULTIPLIER and name in self.calls:
             return self.multiplier(token)
@@ -326,7 +326,7 @@ class Reader:
         raise SceneError(reason, column=token.offset + 1)
 
     def multiplier(self, token: Token) -> ParsedValue:
-        """Return the multiplier of the constraint that the parentheses name."""
+        """Read the name of a constraint in parentheses, and return its multiplier. `token` is the word before them."""
         _, name, closing = self.take(), self.take(), self.token
         if name.kind != "name" or closing.text != ")":
             refuse("multiplier takes the name of a constraint, as in multiplier(rod).", token.offset)
@@ -350,7 +350,7 @@ class Reader:
         refuse(reason if reason.endswith(".") else f"{reason}.", token.offset)
 
     def _checked(self, value: ParsedValue) -> ParsedValue:
-        """Return the checked value. If SymPy evaluated it to an exact number, the double is taken from this number."""
+        """Return a value after its check. The double of an exact number that SymPy evaluated is computed from it."""
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
             return ParsedValue(value.expression, float(value.expression))
@@ -407,7 +407,7 @@ class Reader:
         return ParsedValue(word.build(*arguments), double)
 
     def _other_call(self, name: str, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return a function of coordinates that is not written out."""
+        """Return a function of coordinates that has no formula, such as U(r)."""
         return ParsedValue(sympy.Function(name)(*map(term_of, parts)))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
@@ -443,13 +443,13 @@ def term_of(value: ParsedValue) -> Any:
 
 
 def _doubles(parts: Sequence[ParsedValue]) -> list[float] | None:
-    """Return the doubles of constant parts, None if a part is not constant."""
+    """Return the doubles of the parts, or None if a part is not constant."""
     doubles = [part.double for part in parts if part.double is not None]
     return doubles if len(doubles) == len(parts) else None
 
 
 def check_arity(word: FunctionWord, count: int) -> None:
-    """Raise RefusalError for a function with another number of arguments than it takes."""
+    """Raise RefusalError if a function does not take `count` arguments."""
     if word.fewest <= count <= (MOST_ARGUMENTS if word.most is None else word.most):
         return
     if word.most is None:
@@ -458,7 +458,7 @@ def check_arity(word: FunctionWord, count: int) -> None:
 
 
 def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
-    """Return the double of a function of constant parts, None if a part is not constant."""
+    """Return the value of a function of constant parts as a double, or None if a part is not constant."""
     doubles = _doubles(parts)
     if doubles is None:
         return None
@@ -473,9 +473,9 @@ def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
 
 
 class Expressions:
-    """Reader of the expressions of one file: its names, its shared definitions, and the checks of all of them.
+    """Reader of the expressions of one file, which share names, definitions and limits.
 
-    `names` maps identifiers to SymPy objects, `calls` has names of functions of coordinates that are not written out.
+    `names` maps identifiers to SymPy objects. `calls` has the names of functions of coordinates that have no formula.
     """
 
     def __init__(self, names: Mapping[str, Any], calls: Collection[str] = ()) -> None:
@@ -488,14 +488,14 @@ class Expressions:
         self._done = {self.names[name]: value for name, value in known.items()}
 
     def define(self, name: str, text: str) -> None:
-        """Enter the name of the expression that a text states, for the texts that follow."""
+        """Define a name for the expression that a text states; later texts may use it."""
         value = self.built(text)
         self.names[name] = value.expression
         if value.double is not None:
             self.constants[name] = value.double
 
     def enter(self, name: str, expression: Any) -> None:
-        """Define a name for an expression that is not given as text, such as a table."""
+        """Define a name for an expression that is not stated as text, such as a table."""
         self.names[name] = sympy.Dummy(name, real=True)
         self._done[self.names[name]] = expression
 
@@ -504,5 +504,5 @@ class Expressions:
         return replaced(self.built(text).expression, self._done)
 
     def built(self, text: str) -> ParsedValue:
-        """Return the value of a text in the names of this reader, where functions of time are real symbols."""
+        """Return the parsed value of a text, in which real symbols replace the functions of time."""
         return Reader(text, self.names, self.guard, self.constants, self.calls).read()

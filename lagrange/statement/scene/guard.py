@@ -45,14 +45,14 @@ class RefusalError(Exception):
 
 
 class Guard:
-    """Checks every expression that is built while a text is read. Each distinct one is checked once."""
+    """Checks every expression that is built while texts are read. Each distinct expression is checked once."""
 
     def __init__(self) -> None:
         self.varies: dict[Any, bool] = {}
         self.sizes: dict[Any, int] = {}
 
     def check(self, expression: Any) -> bool:
-        """Check the expression and its parts, and return whether it depends on any name."""
+        """Check the expression and its parts. Return True if it contains a symbol."""
         for node in parts_first(expression, self.varies):
             if not isinstance(node, sympy.Symbol):
                 _check_node(node)
@@ -64,10 +64,10 @@ class Guard:
         return self.varies[expression]
 
     def enter(self, node: Any) -> None:
-        """Store a node that is checked; a guard of unevaluated expressions also examines it."""
+        """Called for each node after its check. It does nothing here; a subclass examines the node further."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
-        """Return `build(*parts)` for sympy.Add or sympy.Mul, in chunks of which each is checked."""
+        """Return `build(*parts)`; `build` is sympy.Add or sympy.Mul. Many parts are built and checked in chunks."""
         while len(parts) > CHUNK:
             parts = [build(*parts[i : i + CHUNK]) for i in range(0, len(parts), CHUNK)]
             for part in parts:
@@ -76,7 +76,7 @@ class Guard:
 
 
 def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
-    """Yield the distinct subexpressions that are not known yet, each after its own parts.
+    """Yield the distinct subexpressions that are not in `known`, each after its own parts.
 
     The caller enters each one in `known` before it takes the next.
     """
@@ -93,7 +93,7 @@ def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
 
 
 def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
-    """Return the expression with symbols replaced, in SymPy's order of terms, and nothing else evaluated.
+    """Return the expression with symbols replaced by `table`. Terms are sorted as SymPy does, but nothing is evaluated.
 
     SymPy assumes that x(t) may be complex: evaluation with it would rewrite roots and absolute values.
     """
@@ -131,7 +131,7 @@ def check_power(base: Any, exponent: Any) -> None:
 
 
 def check_arguments(build: Any, arguments: list[Any]) -> None:
-    """Raise RefusalError for arguments of a function that SymPy would take too long to evaluate or to analyse."""
+    """Raise RefusalError for arguments with which SymPy would take too long to evaluate the function `build`."""
     if build is sympy.exp and arguments[0].has(sympy.log):
         _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
     if build in _COMPARING:
@@ -146,7 +146,10 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
-    """Raise RefusalError for long expressions to be compared: SymPy finds the sign over a common denominator."""
+    """Raise RefusalError if expressions are too long to be compared; `what` names them in the message.
+
+    SymPy determines the sign of their difference over a common denominator.
+    """
     size: dict[Any, int] = {}
     for expression in expressions:
         for node in parts_first(expression, size):
@@ -156,7 +159,7 @@ def check_compared(expressions: list[Any], what: str) -> None:
 
 
 def _doubtful(argument: Any) -> int:
-    """Return the number of parts that may be complex to SymPy."""
+    """Return the number of distinct parts that SymPy cannot prove to be real."""
     doubt: dict[Any, bool] = {}
     for node in parts_first(argument, doubt):
         doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real

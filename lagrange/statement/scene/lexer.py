@@ -68,7 +68,7 @@ def refuse(reason: str, offset: int) -> NoReturn:
 
 
 def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
-    """Return the tokens of a text, the last of kind "end". Raises SceneError with the column.
+    """Return the tokens of a text, followed by one of kind "end". Raises SceneError with the column.
 
     An `unevaluated` text may be longer, and may contain the words and, or, not, True, False and None.
     """
@@ -103,7 +103,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
 
 
 def _check_number(token: Token, following: str, most: int) -> None:
-    """Raise SceneError for a number that is complex, too long, or followed by a letter."""
+    """Raise SceneError for a number that is complex, longer than `most`, or followed by a letter."""
     number, offset = token.text, token.offset
     if following in ("j", "J"):
         refuse(f"{number[:20]}{following} is a complex number: energies and forces are real.", offset)
@@ -120,7 +120,7 @@ def _check_number(token: Token, following: str, most: int) -> None:
 
 
 def _check_name(token: Token, text: str) -> None:
-    """Raise SceneError for a reserved word, and for a name with other letters or of the wrong form."""
+    """Raise SceneError for a name that is a reserved word, has letters that are not allowed, or is malformed."""
     name, offset = token.text, token.offset
     if keyword.iskeyword(name):
         refuse(f"{name!r} is a reserved word: {_RESERVED.get(name, 'choose another name')}.", offset)

@@ -1,4 +1,4 @@
-"""The library of scenes: their files, and what they state about themselves."""
+"""The library of scenes: their files, with names, descriptions and sources."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ def library_path(name: str) -> Path:
 
 
 def library() -> list[LibraryScene]:
-    """Return the scenes of the library, by name."""
+    """Return the scenes of the library, sorted by name."""
     scenes = [(path, Document(path)) for path in sorted(LIBRARY.glob("*.toml"))]
     return [LibraryScene(path.stem, scene.words("about"), scene.words("source"), path) for path, scene in scenes]

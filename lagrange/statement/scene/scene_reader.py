@@ -83,7 +83,7 @@ def scene_from_text(text: str) -> Statement:
 
 
 def stored_statement(text: Any) -> Statement:
-    """Return the statement that `scene_text` wrote into a file of a run or a pickle.
+    """Return the statement in a text that `scene_text` wrote into a pickle or the file of a run.
 
     Raises StatementError for a text that was changed or that another version wrote.
     """
@@ -105,11 +105,11 @@ def stored_statement(text: Any) -> Statement:
 
 
 class SceneDocument(Document):
-    """A TOML file with numbers and expressions."""
+    """A TOML file whose values are read as numbers and expressions. A path consists of keys and indices."""
 
     @contextmanager
     def located(self, *path: str | int, key: bool = False) -> Iterator[None]:
-        """Turn a StatementError raised inside the block into a SceneError at the value, or the `key`, of a path."""
+        """Context that turns a StatementError into a SceneError at the value, or the `key`, of a path."""
         try:
             yield
         except SceneError:
@@ -132,7 +132,7 @@ class SceneDocument(Document):
         return self._of_text(reader.read, *path)
 
     def define(self, reader: ExpressionReader, *path: str | int) -> None:
-        """Enter the text or number at a path in the names of a reader, under the last key."""
+        """Define the last key of a path as a name, for the text or number at the path."""
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
     def _of_text(self, read: Callable[[str], Any], *path: str | int) -> Any:
@@ -147,7 +147,7 @@ class SceneDocument(Document):
             self.refuse(f"{what}: {error.reason}", *path, column=error.column)
 
     def equation(self, reader: ExpressionReader, *path: str | int) -> Any:
-        """Return the expression that is zero: the one at a path, or left minus right side of a text "left == right"."""
+        """Return the expression at a path that is zero; for a text "left == right" it is left minus right side."""
         value = self.value(*path)
         if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
             if isinstance(value, str) and _INEQUALITY.search(value) and not _CONDITION.search(value):
@@ -244,7 +244,7 @@ class SceneReader:
         return {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
 
     def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
-        """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
+        """Return the events of the list of tables [[events]]. An event is a zero of `when`; other keys are optional."""
         tables = self.data["events"]
         if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
             self.document.refuse('events is not a list of tables: write [[events]] and when = "y" below it.', "events")
@@ -269,7 +269,7 @@ class SceneReader:
             return event(when, direction=direction, terminal=table.get("terminal", False), reset=values)
 
     def title(self) -> str:
-        """Return the name of the scene, by default that of its file."""
+        """Return the name of the scene; the default is the name of its file."""
         name = self.document.text("name") if "name" in self.data else Path(self.document.file).stem
         if "name" in self.data and not self.evaluated:
             return printable(name, "name")  # a system of Python may have any name
@@ -284,7 +284,7 @@ class SceneReader:
         return name
 
     def coordinate_names(self, turning: Collection[str]) -> list[str]:
-        """Return the names of the coordinates; those of rotations, `turning`, may be left out."""
+        """Return the names of the coordinates. The file need not name quaternion entries of rotations, `turning`."""
         names = self.data.get("coordinates", [] if turning else None)
         if not isinstance(names, list) or not (names or turning):
             self.document.refuse(
@@ -299,7 +299,7 @@ class SceneReader:
         return known
 
     def rotations(self) -> list[Rotation]:
-        """Return the rotations that the scene names; their quaternions are among the coordinates."""
+        """Return the rotations that the scene names; the entries of their quaternions are coordinates."""
         names = self.data.get("rotations", [])
         if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
             self.document.refuse('rotations is not a list of names: write rotations = ["R"].', "rotations")
@@ -308,7 +308,7 @@ class SceneReader:
         return [rotation_of(name) for name in names]
 
     def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
-        """Return the values of the parameters, None for those left open."""
+        """Return {name: value} of the parameters; the value is None if the scene leaves it open."""
         values: dict[str, float | None] = {}
         for name in self.document.table("parameters"):
             self.check_free(name, "parameter", coordinates, "parameters", name)
@@ -317,7 +317,7 @@ class SceneReader:
         return values
 
     def symbols(self, names: Collection[str]) -> dict[str, Any]:
-        """Return the symbols of the parameters with the signs that [signs] states; all others are real."""
+        """Return {name: symbol} of the parameters, with the assumptions in [signs]. Other parameters are real."""
         signs = self.document.table("signs", names, "parameter of this scene")
         return {name: self.symbol(name) if name in signs else sympy.Symbol(name, real=True) for name in names}
 
@@ -369,7 +369,7 @@ class SceneReader:
             return table(self.document.expression(reader, "tables", name, "argument"), entry["points"], entry["values"])
 
     def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the given functions of time and their derivatives, by name."""
+        """Return the given functions of time and their derivatives by name, such as X and X_dot."""
         names: dict[str, Any] = {}
         reader: ExpressionReader = (
             Expressions(symbols) if self.evaluated else UnevaluatedExpressions(symbols, (t, *symbols.values()))
@@ -388,7 +388,7 @@ class SceneReader:
         return names
 
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
-        """Raise SceneError for a name that is malformed, or that has a meaning already."""
+        """Raise SceneError, at a path, for a name that is malformed or taken; `what` names its kind in the message."""
         key = path[0] not in ("coordinates", "functions")
         with self.document.located(*path, key=key):
             check_symbol(name, what)
@@ -403,7 +403,7 @@ class SceneReader:
             self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
 
     def energies(self, reader: ExpressionReader) -> dict[str, Any]:
-        """Return kinetic and potential energy, or the Lagrangian."""
+        """Return kinetic and potential energy, or the Lagrangian, by key."""
         main = "lagrangian" if "lagrangian" in self.data else "kinetic"
         if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
             self.document.refuse(
@@ -435,7 +435,7 @@ class SceneReader:
             )
 
     def constraints(self, reader: ExpressionReader) -> dict[str, Any] | list[Any]:
-        """Return the constraints: a list of expressions that are zero, or of equations with ==, or a table by name."""
+        """Return the constraints, a list or a table by name: expressions that are zero, or equations with ==."""
         stated = self.data.get("constraints", [])
         if isinstance(stated, list):
             return [self.document.equation(reader, "constraints", i) for i in range(len(stated))]
@@ -465,7 +465,7 @@ class SceneReader:
         return contacts
 
     def surfaces(self, reader: ExpressionReader) -> dict[str, Any]:
-        """Return the surfaces, each a list of expressions in `along`, like a position."""
+        """Return the surfaces by name. Each is a list of expressions in `along`, as many as a position has."""
         surfaces = {}
         for name, entries in self.document.table("surfaces").items():
             if not isinstance(entries, list):
@@ -478,12 +478,12 @@ class SceneReader:
         return surfaces
 
     def redundant(self) -> str:
-        """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""
+        """Return how constraints that follow from others are treated: one of `REDUNDANT`."""
         with self.document.located("redundant"):
             return check_redundant(self.data.get("redundant", REFUSE))
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return the dimensions or units by name, None if the scene states none."""
+        """Return {name: dimension or unit}, or None if the scene states none."""
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]
@@ -522,7 +522,8 @@ class SceneReader:
     ) -> Shape:
         """Return the shape of a body in a table of [positions], such as { shape = "disc", size = "r", rotation = "R" }.
 
-        Without a rotation it does not turn, and without `at` its centre is at the origin.
+        Without `rotation` the body does not turn, and without `at` its centre is at the origin. `place` is the path of
+        the table.
         """
         self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *place)
         if "shape" not in table or "size" not in table:

@@ -1,4 +1,4 @@
-"""A TOML file as data. Every refusal names file, line and column, from the offsets of keys and values."""
+"""A TOML file as data. Errors name file, line and column, computed from the offsets of keys and values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", 
 
 @dataclass
 class _Frame:
-    """A table, an inline table or a list whose text is being read."""
+    """State of the scanner in a table, an inline table or a list."""
 
     path: KeyPath
     kind: str  # "table", "inline" or "list"
@@ -43,14 +43,14 @@ class _Frame:
     index: int = 0
 
     def here(self) -> KeyPath:
-        """Return the path of the value that is being read."""
+        """Return the path of the value that is being scanned."""
         return (*self.path, self.index) if self.kind == "list" else (*self.path, *self.keys)
 
 
 def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
-    """Return the offsets of keys and of values by path, for a TOML text with single-character line ends.
+    """Return two dicts, {path: offset of its key} and {path: offset of its value}, for a TOML text.
 
-    If the text is not valid TOML, the offsets before its first error are right.
+    Line ends are single characters. If the text is not valid TOML, the offsets before its first error are right.
     """
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
@@ -87,9 +87,9 @@ def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
 
 
 def _numbered(names: list[str], counts: dict[KeyPath, int], *, entry: bool) -> KeyPath:
-    """Return the path of a table header; a name of a list of tables is followed by the index of its last entry.
+    """Return the path of a table header. The name of a list of tables is followed by the index of its last entry.
 
-    `counts` has the index of the last entry of each list. With `entry` the header begins another one.
+    `counts` has the index of the last entry of each list. If `entry` is true, the header begins a new entry.
     """
     path: KeyPath = ()
     for name in names:
@@ -123,7 +123,10 @@ def line_and_column(text: str, offset: int) -> tuple[int, int]:
 
 
 def inside(text: str, offset: int, column: int) -> int:
-    """Return the offset of the character in this column, from 1, of the string that starts at `offset`."""
+    """Return the offset in the file of a character of a TOML string; `column` is its position in the string, from 1.
+
+    The string begins, with its quotation mark, at `offset`.
+    """
     quotes = text[offset : offset + 3]
     at = offset + (3 if quotes in ('"""', "'''") else 1)
     if at == offset + 3:
@@ -136,7 +139,7 @@ def inside(text: str, offset: int, column: int) -> int:
 
 
 def _after_fold(text: str, at: int, quotes: str) -> int:
-    """Return the offset after backslashes at ends of lines, which add no character to the string."""
+    """Return the offset after line breaks that a backslash removes from a string; `at` if there are none."""
     fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
     return fold.end() if fold else at
 
@@ -177,9 +180,9 @@ class Document:
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
-        """Raise a SceneError with line and column of the value at `path`, or of the nearest table around it.
+        """Raise a SceneError with line and column of the value at `path`, or of the nearest existing table around it.
 
-        `key` points at the key instead; `column` points into the text of the value.
+        If `key` is true, the position is that of the key. `column` is a position within the text of the value.
         """
         keys, values = self._places
         offset = 0

@@ -1,7 +1,7 @@
-"""Reading of unevaluated expressions: SymPy objects exactly as a text states them, nothing expanded or sorted.
+"""Reader of unevaluated expressions: SymPy objects exactly as a text states them, not expanded and not sorted.
 
-Files that programs write contain such texts, so that a system is read back symbol for symbol. Evaluation by SymPy
-might also take too long for the expressions of a stranger.
+Files that programs write contain such texts, so that a system is read back symbol for symbol. Besides, SymPy might take
+too long to evaluate an expression from an untrusted file.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
-    """Checks unevaluated expressions. SymPy evaluates them later, when their leaves `replaced` are replaced.
+    """Checks unevaluated expressions. SymPy evaluates them later, when the leaves `replaced` in them are replaced.
 
-    It refuses powers of constants that are computed from several numbers, such as (9**9)**9, and functions of replaced
-    leaves that SymPy would take too long to evaluate. `branched` are the parts that contain a Piecewise.
+    It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses functions
+    of replaced leaves that SymPy would take too long to evaluate. `branched` are the parts that contain a Piecewise.
     """
 
     def __init__(self, replaced: Iterable[Any]) -> None:
@@ -54,7 +54,7 @@ class UnevaluatedGuard(Guard):
         self._computed: set[Any] = set()
 
     def enter(self, node: Any) -> None:
-        """Note a constant that is computed from several numbers. Raises RefusalError for a node that takes too long."""
+        """Record a constant computed from several numbers. Raises RefusalError if evaluation would take too long."""
         if isinstance(node, sympy.Piecewise) or any(part in self.branched for part in node.args):
             self.branched.add(node)
         if any(part in self._replaced for part in node.args):
@@ -73,7 +73,7 @@ class UnevaluatedGuard(Guard):
 
 
 class UnevaluatedExpressions(Expressions):
-    """Reader of the unevaluated expressions of one file; `replaced` are the leaves that `UnevaluatedGuard` watches."""
+    """Reader of the unevaluated expressions of one file; `replaced` are leaves that are replaced later."""
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:
         self.names = {**names, **PREDEFINED_VALUES}
@@ -82,7 +82,7 @@ class UnevaluatedExpressions(Expressions):
         self.constants = {}
 
     def enter(self, name: str, expression: Any) -> None:
-        """Define a name for an expression that is not given as text, such as a table."""
+        """Define a name for an expression that is not stated as text, such as a table."""
         self.names[name] = expression
 
     def read(self, text: str) -> Any:
@@ -93,18 +93,18 @@ class UnevaluatedExpressions(Expressions):
         return expression
 
     def built(self, text: str) -> ParsedValue:
-        """Return the value of a text, which may be a condition."""
+        """Return the parsed value of a text, which may be a condition."""
         return UnevaluatedReader(text, self.names, self.guard, self.constants, self.calls).read()
 
 
 class UnevaluatedReader(Reader):
-    """Builds one expression. `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`."""
+    """Parser of one text. `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`."""
 
     unevaluated = True
     guard: UnevaluatedGuard
 
     def logic(self) -> ParsedValue:
-        """Return a condition with and, or and not, or a value."""
+        """Read a value, or a condition with the words and, or, not."""
         start, sums, parts = self.token.offset, list[ParsedValue](), list[ParsedValue]()
         while True:
             where, negations = self.token.offset, 0
@@ -125,13 +125,13 @@ class UnevaluatedReader(Reader):
             parts = []
 
     def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the conjunction or disjunction of conditions, or a single part as it is."""
+        """Return `build`, And or Or, of several conditions; a single part is returned unchanged."""
         if len(parts) == 1:
             return parts[0]
         return self.built(start, lambda: ParsedValue(build(*map(_condition_of, parts), evaluate=False)))
 
     def atom(self) -> ParsedValue:
-        """Return the value of an atom, which may be True or False."""
+        """Read an atom as `Reader.atom` does; True and False are atoms as well."""
         if self.at("True", "False", kind="word"):
             return ParsedValue(sympy.true if self.take().text == "True" else sympy.false)
         return super().atom()
@@ -174,7 +174,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(word.build(*arguments, **options))
 
     def _other_call(self, name: str, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return a number in binary, a sum or product inside another one, or a function that is not written out."""
+        """Return the value of a call: a binary number, a nested sum or product, or a function without a formula."""
         arguments = list(map(term_of, parts))
         if name == FLOAT:
             return ParsedValue(_binary_number(arguments))
@@ -184,7 +184,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(sympy.Function(name)(*arguments))
 
     def _branches(self, branches: Sequence[Branch], last: ParsedValue | None) -> ParsedValue:
-        """Return a Piecewise, or ITE for values of logic."""
+        """Return a Piecewise, or an ITE if the branches are conditions themselves."""
         conditions = [_condition_of(condition) for _, condition in branches]
         if any(condition in self.guard.branched for condition in conditions):  # SymPy would rewrite it
             raise RefusalError("a condition cannot compare a value that has conditions itself")
@@ -199,7 +199,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(sympy.Piecewise(*pairs, evaluate=False))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the condition of a comparison, or of a chain such as 0 < x < 1, the conjunction of its relations."""
+        """Return the relation between two parts. A chain such as 0 < x < 1 is a conjunction of relations."""
         pairs = zip(signs, pairwise(map(term_of, parts)), strict=True)
         relations = [COMPARISONS[sign](left, right, evaluate=False) for sign, (left, right) in pairs]
         return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
@@ -212,7 +212,7 @@ def _condition_of(value: ParsedValue) -> Any:
 
 
 def _negated(term: Any) -> Any:
-    """Return minus a term: with the other sign of the number, or of the number at the head of a product."""
+    """Return minus a term; if the term begins with a number, the sign of that number changes."""
     if isinstance(term, sympy.Number):
         return -term
     if isinstance(term, sympy.Mul):
@@ -231,7 +231,7 @@ def _power(base: Any, exponent: Any) -> Any:
 
 
 def _binary_number(numbers: Sequence[Any]) -> Any:
-    """Return the number mantissa * 2**exponent of that many bits."""
+    """Return mantissa * 2**exponent as a number with a precision in bits; `numbers` are these three."""
     if len(numbers) != 3 or not all(isinstance(number, sympy.Integer) for number in numbers):
         raise RefusalError("float takes three whole numbers: mantissa, exponent of two, and bits")
     mantissa, exponent, precision = map(int, numbers)

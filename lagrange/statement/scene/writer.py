@@ -1,4 +1,4 @@
-"""A statement as the text of a scene file, which reads back symbol for symbol."""
+"""Writer of scene files: the text reads back as the same statement, symbol for symbol."""
 
 from __future__ import annotations
 
@@ -48,21 +48,22 @@ _LOGIC = {And: " and ", Or: " or "}
 
 
 class Text(NamedTuple):
-    """The text of a part, its binding strength, and the levels of parts in it."""
+    """Text of an expression, how strongly its outermost operation binds, and its number of nested levels."""
 
     text: str
     strength: int = ATOM
     depth: int = 0
 
     def at(self, least: int) -> str:
-        """Return the text, in parentheses if it binds weaker than `least`."""
+        """Return the text, in parentheses if its outermost operation binds weaker than `least`."""
         return self.text if self.strength >= least else f"({self.text})"
 
 
 class SharedText:
-    """Writes expressions as texts, and definitions of their shared parts: `definitions` has them in order of use.
+    """Writes expressions as texts. Parts that occur more than once become `definitions`, in order of use.
 
-    `leaves` maps symbols and functions of time to their texts. Raises RefusalError for a part without a text.
+    `leaves` maps symbols and functions of time to their texts. `roots` are all expressions to be written, and `taken`
+    the names that definitions must not have. Raises RefusalError for a part that cannot be written.
     """
 
     def __init__(self, roots: Iterable[Any], leaves: Mapping[Any, str], taken: Iterable[str]) -> None:
@@ -89,13 +90,13 @@ class SharedText:
         )
 
     def text(self, expression: Any) -> str:
-        """Return the text of an expression. Definitions of its parts are added first."""
+        """Return the text of an expression. Definitions that it uses are added to `definitions`."""
         for node in self._parts_first(expression):
             self._known[node] = self._entry(node, root=node is expression)
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Count the occurrences of each distinct part, inside others and as a whole expression."""
+        """Return {part: number of its occurrences}, inside other parts and as a whole expression."""
         uses: dict[Any, int] = {}
         todo = list(roots)
         while todo:
@@ -119,7 +120,10 @@ class SharedText:
                 yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return the text of a node inside other texts: its own text, or the name of its definition."""
+        """Return how other texts contain a node: as its own text, or as the name of its definition.
+
+        `root` is true if the node is a whole expression.
+        """
         if isinstance(node, ExprCondPair):
             return Text("")
         write = next((write for kind, write in self._kinds if isinstance(node, kind)), None)
@@ -136,7 +140,7 @@ class SharedText:
         return Text(name)
 
     def _part(self, node: Any) -> Text:
-        """Return the text of a part of another node, the name of its definition if it is long."""
+        """Return the text of a part inside another one: the name of a new definition if its text is long."""
         entry = self._known[node]
         if len(entry.text) > LONG_PART:
             entry = self._known[node] = self._defined(entry)
@@ -230,10 +234,10 @@ class SharedText:
         return self._joined(parts, f"({text}{last})", ATOM)
 
     def _last(self, node: Any, kind: Any) -> Text:
-        """Return the text of the last branch.
+        """Return the text of the last branch of a condition.
 
-        If it has branches itself, it gets a definition: read back, nested branches would become branches of the outer
-        condition.
+        If the branch has branches itself, it gets a definition. Otherwise these would be read back as branches of the
+        outer condition. `kind` is the class of the outer condition.
         """
         entry = self._part(node)
         if isinstance(node, kind) and entry.text.startswith("("):
@@ -253,7 +257,7 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if a text with a minus sign is a negative number or a product with a negative number at its head.
+    """Return True if a text that begins with a minus sign is a negative number, or a product that begins with one.
 
     A definition has no sign, and neither has a sum such as -x + y.
     """
@@ -283,14 +287,14 @@ ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "po
 def scene_text(statement: Statement) -> str:
     """Return the text of a scene file that reads back as the statement, symbol for symbol.
 
-    The scene says `evaluate = false`: its expressions are built as they stand. Raises StatementError for parts that
-    scenes cannot state, such as derivatives of functions that are not written out.
+    The scene says `evaluate = false`, so SymPy does not rearrange its expressions. Raises StatementError for parts that
+    scenes cannot state, such as derivatives of functions that have no formula.
     """
     return "\n".join(_SceneWriter(statement.open_form or statement).lines()) + "\n"
 
 
 def sign_of(parameter: Any) -> str:
-    """Return the assumptions of a parameter in the words of [signs]; "real" for a real symbol without a sign."""
+    """Return the assumptions of a parameter, as [signs] states them; "real" for a real symbol without a sign."""
     for words in ({"real": True}, {}, {"positive": True}, {"nonnegative": True}):
         if parameter == sympy.Symbol(parameter.name, **words):
             return next(iter(words), NO_SIGN)
@@ -299,7 +303,7 @@ def sign_of(parameter: Any) -> str:
 
 
 class _SceneWriter:
-    """Writes one statement, a line for each value."""
+    """Writes one statement as the lines of a scene file."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement, names = statement, statement.rotations
@@ -335,7 +339,7 @@ class _SceneWriter:
         return [*energies, typed.dissipation, *typed.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
-        """Yield (name, text) of each table of measured values, and enter its spline in the leaves under this name."""
+        """Yield (name, text) of each table of measured values; the name becomes the text of its spline in `leaves`."""
         plain = SharedText((), dict(self.leaves), taken)
         nodes = dict.fromkeys(
             node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)
@@ -392,7 +396,7 @@ class _SceneWriter:
             yield f"reset = {{ {_joined(texts)} }}"
 
     def tables(self) -> Mapping[str, Mapping[str, str]]:
-        """Return the tables of the file, with the text of each value."""
+        """Return {table: {key: text of its value}} for the tables of the file."""
         statement = self.statement
         forces = ((name_of(key), force) for key, force in self.typed.applied.items())
         states = zip(statement.state_names, statement.initial, strict=True)
@@ -426,7 +430,7 @@ class _SceneWriter:
         }
 
     def text(self, what: str, expression: Any, shared: SharedText | None = None) -> str:
-        """Return an expression as a quoted text."""
+        """Return an expression as a quoted text; `what` names it in errors, `shared` is the writer of its parts."""
         try:
             return f"'{(shared or self.shared).text(expression)}'"
         except RefusalError as error:
@@ -435,7 +439,7 @@ class _SceneWriter:
             ) from None
 
     def contact(self, each: Contact) -> Mapping[str, str]:
-        """Return the entries of a contact; a list of two for slip in a plane, and for two coefficients of friction."""
+        """Return {key: text} of a contact. Slip in a plane and two coefficients of friction are lists of two."""
         what = f"the contact {each.name}"
         friction = each.friction[:1] if each.friction[0] == each.friction[1] else each.friction
         entries = {"gap": [each.gap], "slip": each.slip, "restitution": [each.restitution], "friction": friction}
@@ -443,12 +447,12 @@ class _SceneWriter:
         return {key: parts[0] if len(parts) == 1 else f"[{_joined(parts)}]" for key, parts in texts.items()}
 
     def value(self, parameter: Any) -> str:
-        """Return the value of a parameter."""
+        """Return the value of a parameter as text."""
         value = self.statement.defaults.get(parameter)
         return _quoted(OPEN) if value is None else repr(float(value))
 
     def motion(self, function: Any) -> str:
-        """Return the values of a given function: a text, or lists of times and values."""
+        """Return the values of a given function as text: an expression, or lists of times and values."""
         motion = motion_of(function)
         if motion is None or motion.values is None:
             return _quoted(OPEN)
@@ -458,7 +462,7 @@ class _SceneWriter:
         return text if text != f"'{OPEN}'" else f"'({OPEN})'"
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
-        """Yield (name, quoted unit or dimension). Reading infers units that follow from the stated ones again."""
+        """Yield (name, quoted unit or dimension) of the known dimensions, without the second for t."""
         for symbol, dimension in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
             if symbol == t and dimension == named("second"):
@@ -471,7 +475,7 @@ def _powers(one: Dimension) -> str:
 
 
 def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:
-    """Return the points and the values of a table as lists, each with a name if it has one."""
+    """Return the points and the values of a table as lists; `names` are written before them unless they are empty."""
     rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
     return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))
 

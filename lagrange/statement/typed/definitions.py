@@ -1,4 +1,4 @@
-"""Names that an answer defines for itself: r = sqrt(x^2 + y^2), m r^2 phi' = L, w^2 = k/m."""
+"""Definitions in an answer: equations for new names, such as r = sqrt(x^2 + y^2), m r^2 phi' = L or w^2 = k/m."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def is_constant(side: Sequence[Token]) -> bool:
 
 @dataclass(frozen=True)
 class Definition:
-    """An equation that defines a name: its two sides, of which one may be the name.
+    """An equation that defines a name: its two sides, of which one may be the name alone.
 
-    `lone` is true if a side is the name or its square, or if the name is a force. `constant` is the clause that
-    remains: it states that the value is constant, or is None.
+    `lone` is true if a side is the name or its square, or if the name is a force. If the equation also states that a
+    value is constant, `constant` is a clause with that value; else None.
     """
 
     name: str
@@ -45,10 +45,11 @@ class Definition:
 
     @classmethod
     def of(cls, clause: Clause, uses: Uses, names: Names) -> Definition | None:
-        """Return the definition that a clause is: it has one unknown name, which other clauses contain; else None.
+        """Return the definition that a clause states, or None.
 
-        A name that is not alone on a side is defined if another clause states its derivative or that it is constant, or
-        if it is a force in another clause.
+        A definition has one unknown name, which other clauses contain. A name that is not alone on a side is defined
+        only if another clause states its derivative or that it is constant, or if it is a force in another clause.
+        `uses` are those of the unknown names.
         """
         sides = clause.sides()
         stated = is_constant(sides[-1])
@@ -78,7 +79,10 @@ class Definition:
 
 
 class Uses:
-    """Where an answer has its unknown words: {word: offsets of the clauses}, and of those that state how it changes."""
+    """Occurrences of unknown words in an answer: `words` maps each word to the offsets of the clauses that contain it.
+
+    `changed` has only the clauses that state its derivative, or that it is constant.
+    """
 
     def __init__(self, clauses: Sequence[Clause]) -> None:
         self.words: dict[str, set[int]] = {}
@@ -94,12 +98,12 @@ class Uses:
                     self.changed.setdefault(word, set()).add(clause.begin)
 
     def contain(self, name: str, clause: Clause) -> bool:
-        """Return True if a clause other than a given one contains a name, alone or in a product such as wt."""
+        """Return True if a clause other than `clause` contains a name, alone or in a product such as wt."""
         places = (found for word, found in self.words.items() if name in word and word != f"d{name}")
         return any(found - {clause.begin} for found in places)
 
     def changes(self, name: str, clause: Clause) -> bool:
-        """Return True if a clause other than a given one states the derivative of a name, or that it is constant."""
+        """Return True if a clause other than `clause` states the derivative of a name, or that it is constant."""
         rates = (name + ending for endings in SPELLINGS[1:] for ending in endings)
         places = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
         return any(found - {clause.begin} for found in places)

@@ -1,4 +1,4 @@
-"""One notation for all derivatives among the tokens of a formula: primes, dots of LaTeX, and d/dt in all its forms."""
+"""Derivatives among the tokens of a formula, in one form for all notations: primes, LaTeX dots, and d/dt."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ NESTED = 5
 
 
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens of a formula with derivatives marked.
+    """Return the tokens of a formula with derivatives in one form.
 
-    Dots and primes of a word become its `order` and `primes`. Any other derivative becomes a token of kind "rate" whose
-    text is the order, followed by the operand, or of kind "operator" if the operand is what follows, as in d/dt m x.
-    A subscript after a mark moves to its word.
+    Dots before a word become its `order`, primes and LaTeX dots its `primes`. Any other derivative becomes a token of
+    kind "rate", followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x,
+    the kind is "operator". A subscript after a prime moves to its word.
     """
     return _leibniz(_marked(_divided(tokens), NESTED), NESTED)
 
 
 def closing(tokens: Sequence[Token], place: int) -> int:
-    """Return the index of the bracket that closes the one at `place`, or the number of tokens if none does."""
+    """Return the index of the bracket that closes the one at index `place`, or the number of tokens if none does."""
     depth = 0
     for i in range(place, len(tokens)):
         if tokens[i].is_sign(*OPENING):
@@ -71,7 +71,7 @@ def _divided(tokens: Sequence[Token]) -> list[Token]:
 
 
 def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
-    """Return the tokens with dots, primes and the subscripts after these joined to their words.
+    """Return the tokens with dots and primes, and the subscripts that follow them, joined to their words.
 
     `levels` is the number of levels of nested dots that are read.
     """
@@ -101,7 +101,10 @@ def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
 
 
 def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, list[Token], int]:
-    """Return a word with its primes and subscripts, the tokens of a power between them, and the next index."""
+    """Return a word joined with primes and subscripts from index `i` on, the tokens of its power, and the next index.
+
+    The power is not empty only if a subscript follows it, as in x^2_1.
+    """
     power: list[Token] = []
     while i < len(tokens):
         token = tokens[i]
@@ -188,7 +191,7 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _top(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the order and the operand of d^n x, where x is joined to d or follows it; None for other tokens."""
+    """Return the order and the operand of the numerator d^n x at index `i`, where x may be joined to d; else None."""
     bracket = _is_sign(tokens, i, "(", "{")
     i += bracket
     match = _TOP.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
@@ -212,7 +215,7 @@ def _top(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _bottom(tokens: Sequence[Token], i: int) -> tuple[int, int] | None:
-    """Return the order of dt^n and the next index; None for other tokens."""
+    """Return the order of the denominator dt^n at index `i`, and the next index; else None."""
     bracket = _is_sign(tokens, i, "(", "{")
     i += bracket
     match = _BOTTOM.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
@@ -227,7 +230,7 @@ def _bottom(tokens: Sequence[Token], i: int) -> tuple[int, int] | None:
 
 
 def _order(tokens: Sequence[Token], i: int) -> tuple[int, int]:
-    """Return the exponent at index i, 1 by default, and the next index."""
+    """Return the exponent at index `i`, or 1 if there is none, and the next index."""
     if i < len(tokens) and tokens[i].kind == "power" and tokens[i].text.isdigit():
         return int(tokens[i].text), i + 1
     if _is_sign(tokens, i, "^"):

@@ -1,4 +1,4 @@
-"""Whole documents that are handed in: their formulas alone, and the section of the equations of motion."""
+"""Documents as answers: their formulas without the prose, and the section of the equations of motion."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _FORMULA = re.compile(
 
 
 def parts_of_document(text: str) -> Iterator[str]:
-    """Yield texts of the same length with blanks for all but the formulas of a document, then of its main section.
+    """Yield versions of a document in which all but some formulas are blank: first all formulas, then its main section.
 
-    A document without marks of formulas has only the section. The main section has the equations of motion.
+    Texts keep their length. The main section has the equations of motion. If no formulas are marked, the first version
+    is left out.
     """
     body, section = _BODY.search(text), _SECTION.search(text)
     for match in (body, section):
@@ -35,7 +36,7 @@ def parts_of_document(text: str) -> Iterator[str]:
 
 
 def _only(text: str, spans: list[tuple[int, int]]) -> str:
-    """Return a text with blanks outside of spans, and a semicolon after each; lines stay lines."""
+    """Return a text with blanks outside of `spans`, and a semicolon after each span; line breaks are kept."""
     blank = re.sub(r"[^\n]", " ", text)
     kept, place = [], 0
     for begin, end in spans:

@@ -12,9 +12,9 @@ from lagrange.statement.vocabulary.letters import GREEK
 
 
 class TypedFault(Exception):
-    """One fault of a typed text: a sentence without its final period, and its offset in the text.
+    """A fault of a typed text: its reason as a sentence without the final period, and its offset in the text.
 
-    `read` is the strict text of the equation before the fault, "" if it is not known.
+    `read` is the strict text of the equation before the fault, or "".
     """
 
     def __init__(self, reason: str, place: int, read: str = "") -> None:
@@ -27,7 +27,7 @@ class UnknownWord(TypedFault):
 
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
-    """Return the faults that are found without parsing: characters, unknown words and derivatives, brackets."""
+    """Return the faults that are found before parsing: characters, unknown words, impossible derivatives, brackets."""
     faults = [TypedFault(token.text, token.begin) for token in tokens if token.kind == "fault"]
     for i, token in enumerate(tokens):
         if token.kind == "word":
@@ -52,9 +52,9 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
 
 
 def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
-    """Return the readings of a word with its dots on the first factor and its primes on the last.
+    """Return the readings of a word, with the dots of `token` on the first factor and its primes on the last one.
 
-    Readings without such a derivative are left out.
+    Readings whose symbols have no such derivative are left out.
     """
     results = []
     for pieces in readings:

@@ -1,7 +1,7 @@
-"""Grammar of a typed formula: from tokens to the strict notation, with every product, power and bracket written out.
+"""Parser of a typed formula: from tokens to the strict notation, with every product, power and bracket written out.
 
 Some texts have two readings: `g/2l`, `sin a b`, `sin x^2`, a word that is a product in two ways. The parser asks its
-`Choices` at each such place. Parsing once more with other choices gives the other readings.
+`Choices` at each such place. Parsing again with other choices gives the other readings.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
 
 @dataclass(frozen=True)
 class Part:
-    """Strict text of a part of a formula, and its outermost operation: SUM, PRODUCT, POWER or ATOM.
+    """Strict text of a part of a formula, and its outermost operation, `level`: SUM, PRODUCT, POWER or ATOM.
 
     `number` is true for constants. `moves` is true if it contains a coordinate, a velocity or t.
     """
@@ -41,27 +41,27 @@ class Part:
     moves: bool = False
 
     def at(self, level: int) -> str:
-        """Return the text, in brackets if the outermost operation binds less than `level`."""
+        """Return the text, in brackets if the outermost operation binds weaker than `level`."""
         return self.text if self.level >= level else f"({self.text})"
 
 
 @dataclass
 class Choices:
-    """Decisions at places with several readings: `chosen` has the option for each, by default 0.
+    """Choices between readings: `chosen` maps places to the index of the chosen option, by default 0.
 
-    `asked` has the number of options at each place that was met.
+    `asked` maps each place that the parser met to its number of options.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
     asked: dict[str, int] = field(default_factory=dict)
 
     def take(self, place: str, count: int) -> int:
-        """Return the index of the option, of `count`, that is taken at a place."""
+        """Return the index of the option chosen at `place`, which has `count` options."""
         self.asked[place] = max(count, self.asked.get(place, 0))
         return min(self.chosen.get(place, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return alternative decisions; those that differ at few places come first."""
+        """Return other choices for `chosen`; those that differ from the default at fewer places come first."""
         open_places = {place: count for place, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_places.values()))
         listed = [dict(zip(open_places, options, strict=True)) for options in islice(every, 1, 256)]
@@ -70,7 +70,7 @@ class Choices:
 
 @dataclass
 class Formula:
-    """One reading of a formula: strict text with a name for each time derivative, and the meaning of these names.
+    """One reading of a formula: strict text, in which a new name replaces each time derivative.
 
     `rates` maps each such name to the strict text of its operand and the order of the derivative.
     """
@@ -80,7 +80,7 @@ class Formula:
 
     @property
     def shown(self) -> str:
-        """The text with time derivatives as d/dt(...)."""
+        """The text with d/dt(...) in place of the names of time derivatives."""
         text = self.text
         for name, (operand, order) in reversed(self.rates.items()):
             sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
@@ -89,9 +89,9 @@ class Formula:
 
 
 def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
-    """Return the strict text of a formula. Raises TypedFault for tokens that are not a formula.
+    """Return one reading of a formula, according to `choices`. Raises TypedFault for tokens that are not a formula.
 
-    `taken` is the number of names of time derivatives that another side of the equation has.
+    `taken` is the number of names for time derivatives that the other sides of the equation have.
     """
     parser = _Parser(_expanded(tokens, names, choices), choices, names, taken)
     part = parser.sum()
@@ -109,7 +109,7 @@ class _Symbol(Token):
 
 
 def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[Token]:
-    """Return the tokens with every word replaced by its factors."""
+    """Return the tokens with every word replaced by the symbols of which it is a product."""
     expanded: list[Token] = []
     for token in tokens:
         if token.kind != "word":
@@ -124,7 +124,7 @@ def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[T
 
 
 class _Parser:
-    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` after it."""
+    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` behind it."""
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
@@ -132,7 +132,7 @@ class _Parser:
         self.rates: dict[str, tuple[str, int]] = {}
 
     def peek(self, ahead: int = 0) -> Token | None:
-        """Return the token `ahead` of the current one, None at the end."""
+        """Return the token `ahead` places after the current one, or None after the end."""
         place = self.place + ahead
         return self.tokens[place] if place < len(self.tokens) else None
 
@@ -142,7 +142,7 @@ class _Parser:
         return token is not None and token.is_sign(*signs)
 
     def fault(self, reason: str) -> TypedFault:
-        """Return a fault at the current token."""
+        """Return a fault with this reason at the current token."""
         token = self.peek()
         return TypedFault(reason, token.begin if token else self.tokens[-1].end if self.tokens else 0)
 
@@ -188,7 +188,7 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
 
     def divided(self, above: Part) -> Part:
-        """Read a quotient. Factors after the denominator without a sign may belong to it or not: both are tried."""
+        """Read a denominator, and return the quotient. Whether further factors belong to it is one of the choices."""
         below = self.signed()
         closed = self.tokens[self.place - 1].is_sign(*OPENING.values())
         following = self.peek()
@@ -214,7 +214,7 @@ class _Parser:
         return self.raised(self.value())
 
     def raised(self, base: Part) -> Part:
-        """Read the exponents and primes after a base, and return all together."""
+        """Read the exponents and primes after a base, and return the power."""
         while (token := self.peek()) is not None:
             if token.kind == "prime":
                 self.place += 1
@@ -249,7 +249,7 @@ class _Parser:
         return part
 
     def opened(self) -> Part:
-        """Read a value, one level deeper."""
+        """Read a value that may contain brackets, and count one more level of nesting."""
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")
@@ -283,7 +283,7 @@ class _Parser:
         )
 
     def operand(self) -> Part:
-        """Read the operand of d/dt: a bracket or a product. With more factors after it both are tried."""
+        """Read the operand of d/dt: a bracket or a product. Whether further factors belong to it is a choice."""
         begin = self.place
         bracket = self.next_is("(", "[")
         part = self.value() if bracket else self.factor()
@@ -293,7 +293,7 @@ class _Parser:
         return self.product()
 
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
-        """Read an expression, or several with commas, and the closing bracket; the opening one was read."""
+        """Read an expression, or `several` between commas, and the bracket that closes `opened`, which was read."""
         bars, self.bars = self.bars, 0
         parts = [self.sum()]
         while several and self.next_is(","):
@@ -306,7 +306,7 @@ class _Parser:
         return parts
 
     def symbol(self, token: _Symbol) -> Part:
-        """Read a symbol or a function call that begins with this token."""
+        """Read a symbol, or a function call, whose first token `token` was read."""
         piece = token.piece
         if piece.kind == "function":
             return self.function(piece.name, token)
@@ -319,7 +319,7 @@ class _Parser:
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
 
     def function(self, name: str, token: Token) -> Part:
-        """Read a function call. Its exponent may precede the argument, which needs no brackets."""
+        """Read the argument of a function, with or without brackets. An exponent may precede it, as in sin^2 x."""
         exponent = self.exponent()
         if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
             name, exponent = f"a{name}", None
@@ -331,7 +331,7 @@ class _Parser:
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
 
     def bare_argument(self, function: Token) -> Part:
-        """Read an argument without brackets: factors up to the first that moves, such as `2 omega t` or `k x`."""
+        """Read an argument without brackets: factors up to the first that changes in time, as `2 omega t` or `k x`."""
         negative = self.next_is("-")
         self.place += negative
         if not self.starts_value():
@@ -347,7 +347,7 @@ class _Parser:
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 
     def goes_on(self, part: Part) -> bool:
-        """Return True if the argument of a function without brackets has one more factor."""
+        """Return True if an argument without brackets continues after `part`."""
         token, after = self.peek(), self.peek(1)
         if token is None or token.kind == "function":
             return False
@@ -363,7 +363,7 @@ class _Parser:
         return self.starts_value() and bool(self.choices.take("argument", 2))
 
     def bare_factor(self) -> Part:
-        """Read a factor of an argument without brackets. An exponent may belong to the function: both are tried."""
+        """Read a factor of an argument without brackets. Whether an exponent belongs to it is one of the choices."""
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
         if part.moves and powered and self.choices.take("power of an argument", 2):
@@ -371,12 +371,12 @@ class _Parser:
         return self.raised(part)
 
     def called(self, name: str, arguments: list[Part]) -> Part:
-        """Return the part for a function call."""
+        """Return the text of a call of the function `name`."""
         moves = any(part.moves for part in arguments)
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
     def rate(self, operand: Part, order: int, place: int) -> Part:
-        """Return the part for a time derivative: a symbol of the system, or a new name entered in `rates`."""
+        """Return the time derivative of an operand: a symbol of the system, or a new name entered in `rates`."""
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", place)
         piece = self.names.exact.get(operand.text)

@@ -1,4 +1,4 @@
-"""LaTeX in typed answers: the meaning of each command, and the marks that divide or frame formulas."""
+"""LaTeX in typed answers: the meaning of each command, and the commands that divide or frame formulas."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ _ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
 
 
 def with_marks(text: str) -> str:
-    """Return a text of the same length with one character for each mark of a LaTeX matrix."""
+    """Return a text of the same length in which single characters replace the commands of LaTeX matrices."""
     return _MATRIX.sub(_marked, text)
 
 
 def _marked(match: re.Match[str]) -> str:
-    """Return the text of one matrix, on one line."""
+    """Return the text of one matrix, on one line and with single characters for its commands."""
     place = 3 if match.group(2) is None else 2
     inside = _ROW_BREAK.sub(lambda found: ROW.ljust(len(found.group())), match.group(place)).rstrip(f"{ROW} \n")
     inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(place)))

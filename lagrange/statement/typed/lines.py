@@ -44,11 +44,11 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
 
     `is_coordinate` returns True for the name of a coordinate, which may be a label: (r) m*r'' = 0.
 
-    Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
-    with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
-    equation if both it and the one before have a sign of equality. It is one too at the begin of an environment, after
-    a label, and if it is back at the indentation of an equation whose further lines are indented. Raises
-    StatementError for a matrix that is not read.
+    Comments, labels, LaTeX environments and punctuation at the ends of lines are blanked out. A line continues if it
+    ends with an operator, if the next line begins with one, or if a bracket is open. A line that begins with a sign is
+    a new equation if both it and the line before have a sign of equality. It is also a new equation at the begin of an
+    environment, after a label, and if its indentation is that of an equation whose further lines are indented more.
+    Raises StatementError for a matrix that is not read.
     """
     text = _TABLE_ROW.sub(r"\1 \2 \3 \4", text)
     blanked = with_marks(_CODE.sub(r" \1 ", _blank(_COMMENT, text)))
@@ -82,7 +82,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
 
 
 def _unframed(text: str) -> str:
-    r"""Return a text with blanks for frames: \boxed{...}, and brackets around all equations.
+    r"""Return a text with blanks for \boxed{...} around an equation and for brackets around all equations.
 
     Eq(a, b) becomes a = b.
     """
@@ -104,9 +104,9 @@ def _unframed(text: str) -> str:
 
 
 def _without_bullets(lines: Sequence[str]) -> list[str]:
-    """Return lines with blanks for bullets: - or * at the begin of every equation of a list of several.
+    """Return lines with blanks for bullets, - or *, if every equation of a list begins with one.
 
-    At the begin of some lines only, they are operators.
+    If only some lines begin with them, they are operators.
     """
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
     if len(stated) < 2 or not all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated):
@@ -115,9 +115,9 @@ def _without_bullets(lines: Sequence[str]) -> list[str]:
 
 
 def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
-    """Return lines with blanks for labels such as (r) and (phi), if several lines begin with different ones.
+    """Return lines with blanks for labels such as (r) and (phi), if lines begin with at least two different ones.
 
-    A single one is a factor.
+    A single label may be a factor, so it stays.
     """
     labels = [_COORDINATE.match(line) for line in lines]
     labels = [label if label and is_coordinate(label.group(1)) else None for label in labels]
@@ -129,7 +129,7 @@ def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bo
 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
-    """Return True if a line continues the equation before it. `anew` is true for an environment or a label."""
+    """Return True if a line continues the equation `before` it. `anew` is true after an environment or a label."""
     if _GOES_ON.search(before) or depth_of(before) > 0:
         return True
     if not _CONTINUES.match(line):
@@ -145,7 +145,7 @@ def depth_of(text: str) -> int:
 
 
 def _without_label(line: str) -> str:
-    """Return a line with blanks for its label, such as (1), 2. or "eq1:", and for the marks at its end."""
+    """Return a line with blanks for its label, such as (1), 2. or "eq1:", and for punctuation at its end."""
     for pattern in (_HEADING, _LABEL):
         match = pattern.match(line)
         rest = line[match.end() :] if match else ""
@@ -159,7 +159,7 @@ def _without_label(line: str) -> str:
 
 
 def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the spans of the equations of one line, which are separated by ; or , but not by a decimal comma."""
+    """Return the spans of the equations in text[begin:end], separated by ; or by , unless that is a decimal comma."""
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]

@@ -1,6 +1,6 @@
-r"""Vector equations: each row of \begin{pmatrix} ... \end{pmatrix} becomes an equation of its own.
+r"""Vector equations: each row of \begin{pmatrix} ... \end{pmatrix} becomes a separate equation.
 
-In the row of an equation a column, or a product of matrices with a column, is its entry in brackets.
+In the equation of a row, the entry in brackets replaces a column, or a product of matrices with a column.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ Matrix = list[list[list[Token]]]
 
 
 def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]:
-    """Return the rows of each equation; an equation without a matrix is one row.
+    """Return the rows of each equation, as equations; an equation without a matrix is one row.
 
-    An equation of a name and a matrix defines the name for the others, and has no rows. Raises TypedFault for matrices
-    that do not fit.
+    An equation between a name and a matrix defines the name for the other equations, and has no rows. Raises TypedFault
+    for matrices that do not fit.
     """
     named: dict[str, Matrix] = {}
     for tokens in equations:
@@ -33,13 +33,13 @@ def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]
 
 
 def _defines(tokens: Sequence[Token]) -> bool:
-    """Return True for a name, a sign of equality and one matrix."""
+    """Return True for an equation between a name and one matrix."""
     matrices = [i for i, token in enumerate(tokens) if token.is_sign(MATRIX)]
     return matrices == [2] and tokens[0].kind == "word" and tokens[1].is_sign("=") and tokens[-1].is_sign(MATRIX_END)
 
 
 def _matrix(tokens: Sequence[Token], place: int) -> tuple[Matrix, int]:
-    """Return the matrix that begins at an index, and the next index. Raises TypedFault for an empty entry."""
+    """Return the matrix that begins at index `place`, and the next index. Raises TypedFault for an empty entry."""
     matrix: Matrix = [[[]]]
     for i in range(place + 1, len(tokens)):
         if tokens[i].is_sign(ROW):
@@ -56,7 +56,7 @@ def _matrix(tokens: Sequence[Token], place: int) -> tuple[Matrix, int]:
 
 
 def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[Token]:
-    """Return an equation with matrices for their names. Entries have the derivatives of the name."""
+    """Return an equation with matrices in place of their names; a derivative of a name applies to each entry."""
     replaced: list[Token] = []
     for token in tokens:
         if token.kind != "word" or token.text not in named:
@@ -102,7 +102,10 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
 
 
 def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
-    """Return the entries of a product of matrices with a column. Raises TypedFault if it is not a column."""
+    """Return the entries of `factors`: a column, or a product of matrices with a column. Raises TypedFault otherwise.
+
+    `begin` is the token at which the fault is located.
+    """
     *others, last = factors
     column = [[one for entry in row for one in entry] for row in last if len(row) == 1]
     fits = len(column) == len(last)
@@ -117,7 +120,7 @@ def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
 
 
 def _sum(terms: Sequence[list[Token]]) -> list[Token]:
-    """Return the sum of terms without those that have a factor 0."""
+    """Return the tokens of a sum of terms, without the terms that have a factor 0."""
     ends = [["".join(token.text for token in end) for end in (term[:3], term[-3:])] for term in terms]
     kept = [term for term, factors in zip(terms, ends, strict=True) if "(0)" not in factors] or terms[:1]
     return [one for term in kept for one in (_sign("+", term[0]), *term)]

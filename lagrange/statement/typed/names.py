@@ -42,10 +42,11 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 
 @dataclass(frozen=True)
 class Piece:
-    """One symbol or function within a word, by its strict name.
+    """One symbol or function within a word, with its strict name.
 
-    `kind` is "symbol", "function", "e" (Euler's number) or "pi". `base` is the coordinate or given function whose
-    derivative of order `order` the symbol is, "" for other symbols. `moves` is true if it changes in time.
+    `kind` is "symbol", "function", "e" (Euler's number) or "pi". If the symbol is a derivative of a coordinate or given
+    function, `base` is that function and `order` the order of the derivative. For other symbols `base` is "". `moves`
+    is true if the symbol changes in time.
     """
 
     name: str
@@ -90,7 +91,7 @@ class Names:
         self._readings: dict[str, list[list[Piece]]] = {}
 
     def _usual(self) -> Iterator[tuple[str, str]]:
-        """Yield (spelling, strict name) as in textbooks: ell for l, and v_x and a_x for the derivatives of x."""
+        """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x."""
         for name in self.names:
             if _LENGTH.fullmatch(name) and "ell" not in self.names:
                 yield f"ell{name[1:]}", name
@@ -100,7 +101,7 @@ class Names:
                 yield from (pair for pair in pairs if pair[1] in self.exact)
 
     def readings(self, word: str) -> list[list[Piece]]:
-        """Return the readings of a word, the likeliest first: one symbol, or the factors of a product."""
+        """Return the readings of a word, the likeliest first: lists of one symbol, or of the factors of a product."""
         if word not in self._readings:
             spelled = "".join(GREEK.get(mark, mark) for mark in word)
             whole = self.exact.get(word) or self.exact.get(spelled)
@@ -110,11 +111,11 @@ class Names:
         return self._readings[word]
 
     def _differential(self, word: str) -> list[list[Piece]]:
-        """Return the reading d*theta of dtheta if the system has a symbol d; both readings are tried."""
+        """Return the reading d*theta of the word dtheta if the system has a symbol d; [] otherwise."""
         return self._splits(word) if word.startswith("d") and "d" in self.exact and word != "d" else []
 
     def _splits(self, word: str) -> list[list[Piece]]:
-        """Return the products of known symbols whose joined names are the word, those of fewest factors first.
+        """Return the products of known symbols whose joined names are the word. Products of fewer factors come first.
 
         Of products with equal numbers of factors, the one with the longer first name comes first. No factor begins with
         a digit or a subscript: m_g is not the product of m and g.
@@ -137,17 +138,17 @@ class Names:
 
     @cached_property
     def _whole(self) -> dict[str, Piece]:
-        """All spellings that may be a factor within a word, without the letter e, which too many words contain."""
+        """{spelling: symbol} for factors within a word. The letter e is left out, since too many words contain it."""
         return {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
 
     def order(self, tokens: Sequence[Token]) -> int:
-        """Return the highest order of the derivatives in a formula; that of an expression counts as 2."""
+        """Return the highest order of time derivatives in a formula; d/dt of an expression counts as order 2."""
         orders = [2 if token.kind in ("rate", "operator") else max(token.order, token.primes) for token in tokens]
         words = (reading for token in tokens if token.kind == "word" for reading in self.readings(token.text))
         return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
 
     def derivative(self, piece: Piece, order: int) -> Piece | None:
-        """Return the derivative of a coordinate or given function, None if the system has none of this order."""
+        """Return the derivative of that order of a coordinate or given function, None if the system has none."""
         total = piece.order + order
         if not piece.base or total >= len(RATES):
             return None
@@ -156,8 +157,8 @@ class Names:
     def hint(self, word: str) -> str:
         """Return a sentence on the likely meaning of an unknown word, "" if there is none.
 
-        It offers coordinates and parameters only, no derivatives. It offers no short name, since a word that begins
-        with one may be a product.
+        It suggests only coordinates and parameters, no derivatives. It suggests no short name, since a word that begins
+        with a short name may be a product.
         """
         power = re.fullmatch(r"([A-Za-z]+)([2-9])", word)
         if power and self.readings(power.group(1)):
@@ -173,9 +174,9 @@ def canonical(name: str) -> str:
 
 
 def _spellings(base: str, order: int, short: Iterable[str], *, joined: bool) -> list[str]:
-    """Return the spellings of a derivative of a coordinate, without underscores: theta1dot, thetadot1.
+    """Return the spellings of the derivative `order` of a coordinate `base`, without underscores: theta1dot, thetadot1.
 
-    With the letters `short`, theta1d and theta1p are such, too, and dtheta1 if `joined` is true.
+    `short` are letters that mean a derivative, as in theta1d and theta1p. If `joined` is true, dtheta1 is one as well.
     """
     endings = [*SPELLINGS[order], *(letter * order for letter in short)]
     key = canonical(base)

@@ -1,4 +1,4 @@
-"""Reader for equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
+"""Reader of equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
 
 The text becomes the strict notation of scene files, and only `scene.expressions` builds expressions from it. So limits
 on length, depth and work apply, and no code is run.
@@ -90,9 +90,9 @@ LONGEST_SYMBOLS = 120
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading of an equation: left minus right side, `zero`, and the right side, in the symbols of the reader.
+    """One reading of an equation: `zero`, the left minus the right side, and `right`, the right side.
 
-    `read` is the equation in the strict notation, with both its sides. `differentiated` are the expressions whose time
+    `read` is the equation in the strict notation, with both sides. `differentiated` are the expressions whose time
     derivative was typed, as in d/dt(m x').
     """
 
@@ -106,8 +106,8 @@ class Reading:
 class TypedEquation:
     """An equation with all its readings, the likeliest first, and the line on which it begins (from 1).
 
-    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion. `link` is
-    the number of signs of equality before the last side of a = b = c, from 0.
+    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion. In a chain a
+    = b = c, which is several equations, `link` is the index of the equation, from 0.
     """
 
     readings: tuple[Reading, ...]
@@ -129,7 +129,10 @@ class TypedReader:
         self.rates = self._rates()
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
-        """Return the clauses of a text, and a reader with the symbols that it defines. `what` is its label."""
+        """Return a reader that knows the names which a text defines, and the other clauses of the text.
+
+        `what` is the label of the text in messages.
+        """
         if len(text) > LONGEST_ANSWER:
             raise StatementError(
                 f"the text has {len(text)} characters, and an answer may have {LONGEST_ANSWER}: shorten it."
@@ -154,18 +157,20 @@ class TypedReader:
         return self._with_definitions(clauses)
 
     def equations(self, text: str, what: str = "") -> list[TypedEquation]:
-        """Return the equations of a text, none if there are only comments. Raises StatementError with all faults.
+        """Return the equations of a text; none if it has only comments. Raises StatementError with all faults.
 
-        A line such as r = sqrt(x^2 + y^2) introduces a symbol for the other lines. Remarks and values are left out.
+        A line such as r = sqrt(x^2 + y^2) defines a symbol for the other lines. Remarks and values of parameters are
+        left out.
 
-        `what` begins a refusal, such as "equation 2"; places are columns, and lines where the text has several.
+        `what` begins the message, such as "equation 2". A fault is located by its column, and by its line if there are
+        several.
         """
         text = text.translate(_LETTERS)
         reader, clauses = self._clauses(text, what)
         return reader._all(text, clauses, what)
 
     def unknown(self, text: str, what: str = "") -> set[str]:
-        """Return the words that are not symbols in clauses of a text that have accelerations."""
+        """Return the unknown words in clauses with accelerations. `what` is the label of the text in messages."""
         reader, clauses = self._clauses(text.translate(_LETTERS), what)
         moving = (clause for clause in clauses if reader.names.order(clause.tokens) > 1)
         words = {token.text for clause in moving for token in clause.formula() if token.kind == "word"}
@@ -201,7 +206,7 @@ class TypedReader:
         return found
 
     def _clause(self, text: str, begin: int, end: int) -> Clause:
-        """Return a part of a text with its tokens."""
+        """Return text[begin:end] as a clause, with its tokens."""
         return Clause(text, begin, end, tuple(with_derivatives(tokens_of(text, begin, end))), self.names)
 
     def _without_accents(self, match: re.Match[str]) -> str:
@@ -210,7 +215,7 @@ class TypedReader:
         return match.group() if all(map(self._reads, words)) else match.group().translate(_ACCENTS)
 
     def _is_introduced(self, text: str, begin: int) -> bool:
-        """Return True if a sentence or "equilibrium", with a colon, precedes a part."""
+        """Return True if a sentence or "equilibrium", followed by a colon, precedes the offset `begin` on its line."""
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
         sentence = _STILL.search(above) or self._clause(above, 0, len(above)).is_remark(introduces=True)
         return bool(colon and sentence and not rest.strip())
@@ -229,7 +234,7 @@ class TypedReader:
         return any(len(pieces) == 1 and pieces[0].name in self.names.bases for pieces in self.names.readings(word))
 
     def _without_remarks(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a clause, else of text[begin:end] in it. Raises _Faults."""
+        """Return the readings of a clause, or of text[begin:end] if the whole cannot be read. Raises _Faults."""
         try:
             return self._readings(clause)
         except _Faults:
@@ -238,14 +243,17 @@ class TypedReader:
             return self._readings(clause.part(begin, end))
 
     def _readings(self, clause: Clause) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a clause: a = b = c has two. Raises _Faults."""
+        """Return the readings of each equation of a clause; a = b = c is two equations. Raises _Faults."""
         strict = None if clause.constant else self._strict(clause.shown)
         if strict is not None:
             return [(strict,)]
         return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
 
     def _readings_of(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
-        """Return the readings of one equation by its sides. Raises _Faults."""
+        """Return all readings of one equation, the likeliest first. Raises _Faults if there are none.
+
+        `sides` are the tokens of its sides, and `begin` is its offset.
+        """
         faults = [fault for side in sides for fault in faults_of(side, self.names)]
         if faults:
             free = self._without_free_names(sides, begin)
@@ -270,9 +278,9 @@ class TypedReader:
         return tuple(readings)
 
     def _without_free_names(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
-        """Return the readings with 1 for names without meaning that are factors of both sides; () if there are none.
+        """Return the readings of an equation after division by unknown names that are factors of both sides; else ().
 
-        The radius R of a pulley is such a name in (T1 - T2) R = 1/2 M R^2 x''/R.
+        Example: the radius R of a pulley is such a name in (T1 - T2) R = 1/2 M R^2 x''/R.
         """
         words = [token for side in sides for token in side if token.kind == "word" and not self._reads(token.text)]
         names = Counter(canonical(word.text) for word in words)
@@ -296,7 +304,7 @@ class TypedReader:
         )
 
     def _read_before(self, sides: Sequence[Sequence[Token]], place: int) -> str:
-        """Return the strict text of the equation before an offset, without operators at its end."""
+        """Return the strict text of the part of an equation before an offset `place`, without operators at its end."""
         read: list[str] = []
         for side in sides:
             tokens = [token for token in side if token.end <= place]
@@ -309,10 +317,10 @@ class TypedReader:
         return " = ".join(read)
 
     def _with_definitions(self, clauses: Sequence[Clause]) -> tuple[TypedReader, list[Clause]]:
-        """Return a reader with the symbols that clauses such as r = sqrt(x^2 + y^2) define, and the other clauses.
+        """Return a reader that knows the names which clauses define, as r = sqrt(x^2 + y^2), and the other clauses.
 
-        A definition may use one that follows it. A name that no other clause contains is not defined. A clause that
-        states that the value is constant, as h = r^2 phi' = const or r^2 phi' = h, remains.
+        A definition may use a name that is defined later. A name that no other clause contains is not defined. If a
+        definition also states that a value is constant, as h = r^2 phi' = const or r^2 phi' = h, that clause remains.
         """
         reader, left, uses, tries = self, dict(enumerate(clauses)), Uses(clauses), 0
         for k in [*left] * MOST_CHAINED:
@@ -328,7 +336,7 @@ class TypedReader:
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
     def _defined(self, definition: Definition) -> dict[str, Any]:
-        """Return {name: value} for a definition, with its derivatives if it moves; {} if it has no value."""
+        """Return {name: value} of a definition, with the derivatives if the value moves; {} if there is no value."""
         symbol = sympy.Symbol(definition.name, real=True)
         reader = TypedReader(self.symbols | {definition.name: symbol}, self.others)
         try:
@@ -349,7 +357,7 @@ class TypedReader:
         return {}
 
     def _strict(self, text: str) -> Reading | None:
-        """Return the reading of a text in the strict notation, None if it is not in it."""
+        """Return the reading of a text that is in the strict notation; None for any other text."""
         sides = text.strip().replace("==", "=").split("=")
         if len(sides) > 2 or any(mark in text for mark in "<>!"):
             return None
@@ -361,11 +369,11 @@ class TypedReader:
         return _reading(values, shown)
 
     def _equated(self, clause: Clause) -> list[list[list[Token]]]:
-        """Return the sides of each equation of a clause. Raises _Faults.
+        """Return the equations of a clause, as lists of sides. Raises _Faults.
 
-        For a = b = c these are a = b and a = c. A further side of unknown names, as in p = m x' = const, is left out,
-        and in the middle also one such as F/m. For a side equated with "const", or a velocity with a name that is not a
-        symbol, its rate is zero.
+        For a = b = c they are a = b and a = c. In a chain, a side of unknown names such as const in p = m x' = const is
+        left out, and between two others also a side such as F/m. If a side equals "const", or if a velocity equals an
+        unknown name, the equation is that the rate of the side is zero.
         """
         sides, begin = clause.sides(), clause.begin
         places = [token.begin for token in clause.tokens if token.is_sign("=")]
@@ -390,14 +398,17 @@ class TypedReader:
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
     def _is_foreign(self, side: Sequence[Token], *, between: bool = False) -> bool:
-        """Return True if a side has unknown names and no other fault; and no symbols, unless it is between others."""
+        """Return True if a side has unknown names, no known ones and no other fault.
+
+        If the side is `between` two others, it may also have known names.
+        """
         faults = faults_of(side, self.names)
         words = sum(token.kind == "word" for token in side)
         unknown = bool(faults) and all(isinstance(fault, UnknownWord) for fault in faults)
         return unknown and (between or len(faults) == words)
 
     def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
-        """Return True if two sides are a formula with a velocity at most, and a name without meaning, as in p = C."""
+        """Return True for an equation between a formula with velocities and one unknown name, as in p = C."""
         names = [token.text for other in others for token in other]
         unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
         return unknown and not self.names.hint(names[0]) and self.names.order(side) == 1
@@ -412,7 +423,7 @@ class TypedReader:
         return formulas
 
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
-        """Return the reading of formulas in strict text. Raises _Faults if the strict reader refuses them."""
+        """Return the reading of one formula per side. Raises _Faults, at `begin`, if the strict reader refuses them."""
         names = dict(self.symbols)
         differentiated = []
         try:
@@ -435,7 +446,7 @@ class TypedReader:
         return {low: high for low, high in known.items() if low.is_Symbol}
 
     def differentiated(self, expression: Any, order: int) -> Any:
-        """Return the time derivative of that order along the motion. Raises SceneError if a symbol has none."""
+        """Return the time derivative of `order` along the motion. Raises SceneError if a symbol has no derivative."""
         for _ in range(order):
             left = expression.free_symbols - set(self.rates)
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]
@@ -468,7 +479,7 @@ class TypedReader:
 
     @staticmethod
     def _told(text: str, fault: TypedFault, what: str) -> str:
-        """Return a fault as a sentence with its place: line and column of a text, or the column of one equation."""
+        """Return a fault as a sentence with its place: the line and column of a text, or the column of one equation."""
         line, column = _line(text, fault.place), fault.place - text.rfind("\n", 0, fault.place)
         place = f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
         return f"{place}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}"
@@ -480,12 +491,12 @@ class TypedReader:
         )
 
     def example(self) -> str:
-        """Return the end of a sentence on the form of an answer, and the symbols."""
+        """Return the end of a sentence: an example of an answer, and the symbols."""
         first = self.names.bases[0] if self.names.bases else self.names.names[0]
         return f"such as {first}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:
-        """Return the list of the names of the system for a message."""
+        """Return the names of the system as a list for a message."""
         names = listing(name for name in self.symbols if not name.endswith(("_dot", "_ddot")))
         if len(names) > LONGEST_SYMBOLS:
             names = names[:LONGEST_SYMBOLS].rsplit(",", 1)[0] + " and others"
@@ -508,7 +519,10 @@ def _reading(values: Sequence[Any], read: str, differentiated: Sequence[Any] = (
 
 
 def _is_factor(symbol: Any, expression: Any) -> bool:
-    """Return True if an expression is a power of a symbol times a factor without it, or zero, at two random points."""
+    """Return True if an expression is a power of a symbol times a factor without the symbol, or zero.
+
+    Tested at two random points.
+    """
     others = sorted(expression.free_symbols - {symbol}, key=str)
     pairs = []
     for seed in (1, 2):

@@ -1,8 +1,8 @@
-r"""Words in an answer outside of its equations: remarks, units, and clauses that say nothing about the motion.
+r"""Words in an answer outside of its equations: remarks, units, and clauses that do not describe the motion.
 
-A part of an equation is left out only if it is set apart: prose in brackets, prose after a mark such as a comma, and
-words before the equation that end with a connecting word. Any other word that is not a symbol is a fault. A clause
-without an acceleration may be left out as a whole: the others must then determine the motion.
+A part of an equation is left out only if it is set apart: prose in brackets, prose after a comma or similar, and words
+before the equation that end with a connecting word. Any other word that is not a symbol is a fault. A clause without an
+acceleration may be left out as a whole, since the other clauses must then determine the motion.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ F_x; a word of a sentence; a word of a sentence that does not make prose out of 
 
 @dataclass(frozen=True)
 class Word:
-    """The span of a word in a text, and its kind."""
+    """The span text[begin:end] of a word, and its kind."""
 
     begin: int
     end: int
@@ -94,9 +94,9 @@ def kind_of(text: str) -> int:
 
 @dataclass(frozen=True)
 class Clause:
-    """A part text[begin:end] of an answer with its tokens, whose derivatives are marked.
+    """A part text[begin:end] of an answer with its tokens, in which derivatives have one form.
 
-    `names` are the symbols of the system. `aside` is true after words such as "where" and "with", and `constant` if
+    `names` are the symbols of the system. `aside` is true after words such as "where" and "with". `constant` is true if
     the part states that its value is constant.
     """
 
@@ -130,12 +130,12 @@ class Clause:
         return Word(token.begin, token.end, kind)
 
     def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
-        """Return the clause text[begin:end] in this one."""
+        """Return text[begin:end] of this clause as a clause."""
         tokens = tuple(token for token in self.tokens if begin <= token.begin < end)
         return Clause(self.text, begin, end, tokens, self.names, aside)
 
     def formula(self) -> list[Token]:
-        """Return the tokens, with signs for words for operations, unless these are symbols."""
+        """Return the tokens, with signs in place of words for operations; a word that is a symbol is kept."""
         return [
             replace(token, kind="sign", text=OPERATIONS[token.text])
             if token.text in OPERATIONS and token.kind == "word" and not self.names.readings(token.text)
@@ -154,7 +154,7 @@ class Clause:
         return sides
 
     def without_brackets(self) -> Clause:
-        """Return the clause with blanks for brackets with prose or units."""
+        """Return the clause with blanks in place of brackets that contain prose or units."""
         text = self.text
         for match in _BRACKET.finditer(text, self.begin, self.end):
             if self._is_apart(*match.span(1)):
@@ -162,10 +162,10 @@ class Clause:
         return replace(self, text=text, tokens=tuple(one for one in self.tokens if not text[one.begin].isspace()))
 
     def clauses(self) -> list[Clause]:
-        """Return the clauses of a line.
+        """Return the clauses into which this line is divided.
 
         It is divided at arrows and colons, before brackets with an equation, and at words such as "where" between two
-        signs of equality. A word that is a symbol of the system does not divide.
+        signs of equality. A word that is a symbol of the system does not divide it.
         """
         text, begin, end = self.text, self.begin, self.end
         cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
@@ -186,7 +186,7 @@ class Clause:
         return [clause for clause in parts if clause.end > clause.begin]
 
     def _trimmed(self, begin: int, end: int, aside: bool) -> Clause:
-        """Return a part without punctuation at its ends and without brackets whose other ends are in other parts."""
+        """Return text[begin:end] as a clause, without punctuation and unpaired brackets at its ends."""
         text = self.text
         depth = depth_of(text[begin:end])
         while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in OPEN and depth > 0)):
@@ -203,9 +203,10 @@ class Clause:
         return self.part(begin, end, aside=aside)
 
     def equation(self, *, moves: bool) -> tuple[int, int]:
-        """Return the span without the words before the equation and without remarks after it.
+        """Return the span of the equation in this clause, without the words before it and the remarks after it.
 
-        If `moves` is true, the equation has an acceleration: a connecting word or three others must precede it.
+        If the equation has an acceleration, `moves` is true. Then words before it are left out only if they end with a
+        connecting word, or if they are more than two.
         """
         proven = _PROVEN.search(self.text, self.begin, self.end)
         end = proven.start() if proven else self.end
@@ -233,10 +234,10 @@ class Clause:
         return begin, end
 
     def is_remark(self, *, introduces: bool = False) -> bool:
-        """Return True if a part without an acceleration that cannot be read is not about the motion.
+        """Return True if this clause, which has no acceleration and cannot be read, is not about the motion.
 
-        It is prose, a sentence, or the definition of another quantity such as L = T - V. An aside after "where" is not
-        a sentence because of its first word alone, nor is a part that `introduces` an equation by a colon.
+        It is prose, a sentence, or the definition of another quantity such as L = T - V. For an aside after "where", or
+        if the clause `introduces` an equation by a colon, a first word alone does not make a sentence.
         """
         run = [word.kind for word in self._introduction()]
         sentence = WORD in run and len(run) - run.count(SYMBOL) > 1
@@ -257,11 +258,11 @@ class Clause:
         return explained or sentence or (not self.aside and kinds[:1] == [WORD])
 
     def is_law(self, begin: int, end: int) -> bool:
-        """Return True if text[begin:end] is Lagrange's formula."""
+        """Return True if text[begin:end] contains Lagrange's formula, d/dt dL/dq' - dL/dq = 0."""
         return bool(_LAGRANGE.search(self.text, begin, end))
 
     def is_value(self) -> bool:
-        """Return True if a part states a value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
+        """Return True if the clause states the value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
         name, _, _ = self.shown.partition("=")
         if _AT_START.fullmatch(name):
             return True
@@ -270,7 +271,10 @@ class Clause:
         return constant and bool(_NUMBER_AT_END.fullmatch(self.text, self.begin + len(name), self.end))
 
     def _introduction(self, first: int = 0) -> Sequence[Word]:
-        """Return the words from an index on with only blanks and punctuation before, and between them."""
+        """Return consecutive words from word number `first` on, between which there are only blanks and punctuation.
+
+        If `first` is 0, the words must begin the clause.
+        """
         place, run = self.words[first].begin if first else self.begin, list[Word]()
         for word in self.words[first:]:
             negated = self._spelled(word) in _NEGATIONS and not _AFTER_COMMA.match(self.text, word.end, self.end)
@@ -281,9 +285,9 @@ class Clause:
         return run
 
     def _prose(self) -> Iterator[tuple[int, int]]:
-        """Yield the spans of several words in a row without symbols: three, or two with a connecting one: "we get".
+        """Yield the spans of prose: three words in a row that are not symbols, or two with a connecting one: "we get".
 
-        An equation follows, or they are the end and begin with "and".
+        The prose precedes an equation, or it ends the clause and begins with "and".
         """
         for i in range(1, len(self.words)):
             run = [*takewhile(lambda word: word.kind in (WORD, SHORT), self._introduction(i))]
@@ -299,9 +303,10 @@ class Clause:
         return bool(unit) and any(word.kind != SYMBOL for word in self.words if begin <= word.begin < end)
 
     def _is_apart(self, begin: int, end: int, *, bare: bool = False) -> bool:
-        """Return True if text[begin:end] is prose or a unit, which is left out after a mark or in brackets.
+        """Return True if text[begin:end] is prose or a unit, which is left out in brackets or after punctuation.
 
-        Prose has at least as many words as symbols and names; more if `bare` is true, after "where" without a comma.
+        Prose has at least as many words as symbols and names. It must have more words than those if `bare` is true,
+        which means after "where" without a comma.
         """
         words = [word for word in self.words if begin <= word.begin and word.end <= end]
         kinds = [word.kind for word in words]

@@ -112,7 +112,7 @@ class _Scanner:
         self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
 
     def scan(self, place: int) -> list[Token]:
-        """Return all tokens from an offset on."""
+        """Return all tokens from the offset `place` on."""
         while place < self.end:
             blank = _BLANK.match(self.text, place)
             if blank:
@@ -131,7 +131,7 @@ class _Scanner:
         return end
 
     def _token(self, place: int) -> int:
-        """Add the token that begins at an offset, and return the next offset."""
+        """Add the token that begins at the offset `place`, and return the next offset."""
         mark = self.text[place]
         decimal = _DECIMAL_COMMA.match(self.text, place)
         if decimal and not any(self.listing[-1:]):
@@ -195,7 +195,7 @@ class _Scanner:
         return self._add("word", spelled, begin, place, order)
 
     def _indices(self, place: int) -> tuple[str, int]:
-        """Return all consecutive subscripts at an offset, such as the two of _1_dot, and the next offset."""
+        """Return consecutive subscripts at an offset as one text, such as the two of _1_dot, and the next offset."""
         joined = ""
         while True:
             index, after = self._index(place)
@@ -258,7 +258,7 @@ class _Scanner:
 
 
 def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
-    """Return the letter at an offset in the spelling of names, the number of dots above it, and the next offset."""
+    """Return the letter at an offset as names spell it, the number of dots above it, and the next offset."""
     begin, place = place, place + 1
     while place < end and unicodedata.combining(text[place]):
         place += 1

@@ -1,4 +1,4 @@
-"""Dimensions and units: how they are read, named and compared."""
+"""Dimensions and units: their notation, their names and their comparison."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "�
 
 
 def plain_text(text: str) -> str:
-    """Return the text of a unit as an expression in names: "N·min" becomes "N*minute"."""
+    """Return the text of a unit as an expression in ASCII names: "N·min" becomes "N*minute"."""
     spelled = text.strip()
     for sign, plain in SIGNS.items():
         spelled = spelled.replace(sign, plain)
@@ -115,8 +115,8 @@ Exponents = tuple[tuple[str, Any], ...]
 class Dimension:
     """Exponents of base dimensions, sorted by name, without zeros.
 
-    `factor` is the natural logarithm of the factor of the unit, None if no unit is known. `unit` is the text of the
-    stated unit, empty for a dimension.
+    `factor` is the natural logarithm of the scale factor of the unit; None if no unit is known. `unit` is the unit as
+    stated, empty if a dimension was stated.
     """
 
     exponents: Exponents
@@ -125,7 +125,7 @@ class Dimension:
 
     @classmethod
     def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Dimension:
-        """Return the dimension with these exponents by base dimension; zeros are dropped."""
+        """Return the dimension with these exponents by base dimension, without zeros; `factor` as in the class."""
         return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
 
     def __mul__(self, other: Dimension) -> Dimension:
@@ -143,7 +143,7 @@ class Dimension:
         return self.exponents == other.exponents
 
     def fits(self, other: Dimension) -> bool:
-        """Return True if both may be added: equal dimensions, and equal factors of their units if both are known."""
+        """Return True if both may be added: equal dimensions, and equal unit factors if both factors are known."""
         if not self.like(other):
             return False
         if self.factor is None or other.factor is None:
@@ -157,7 +157,7 @@ class Dimension:
 
     @property
     def in_words(self) -> str:
-        """The stated unit, else the dimension."""
+        """The unit as stated, else the dimension, as text."""
         return self.unit or str(self)
 
     def __str__(self) -> str:
@@ -191,7 +191,7 @@ def named(name: str) -> Dimension:
 
 @cache
 def known_names() -> Mapping[str, Any]:
-    """Return all dimensions and units by name: `UNITS`, `DERIVED`, and SymPy's without physical constants."""
+    """Return {name: dimension or unit}: `UNITS`, `DERIVED`, and those of SymPy except physical constants."""
     from sympy.physics import units
     from sympy.physics.units.definitions import dimension_definitions
 
@@ -220,7 +220,7 @@ def _measured(one: Any) -> Dimension:
 
 
 def read_dimension(given: Any, what: str) -> Dimension:
-    """Return the stated dimension: a name such as "mass", a text such as "kg*m/s**2", 1, or an object of SymPy.
+    """Return the `Dimension` that a user states: "mass", "kg*m/s**2", 1, or a dimension or unit of SymPy.
 
     Raises StatementError for an unknown name and for another type.
     """
@@ -239,7 +239,7 @@ def read_dimension(given: Any, what: str) -> Dimension:
 
 
 def _is_unit(stated: Any) -> bool:
-    """Return True if a product of powers contains only units."""
+    """Return True if a product of powers contains units only, no names of dimensions."""
     names = [symbol.name for symbol in stated.free_symbols]
     return bool(names) and all(map(_names_unit, names))
 
@@ -254,7 +254,7 @@ def units_in(text: str) -> list[str]:
 
 
 def _from_text(text: str, what: str) -> Any:
-    """Return the product of powers in a text. Its symbols have the names of dimensions and units."""
+    """Return the product of powers that a text states. Its symbols are named after dimensions and units."""
     spelled = plain_text(text)
     name = spelled.replace(" ", "_")
     known = known_names()
@@ -298,9 +298,10 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
 
 
 def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
-    """Return {symbol: dimension} from a table keyed by symbols or names; `known` are the system's symbols by name.
+    """Return {symbol: dimension} from a user's table; `known` are the system's symbols by name.
 
-    Entries of other symbols are checked and dropped. Raises StatementError for an entry that is not a dimension.
+    Keys of the table are symbols or names. Entries for symbols of other systems are checked and dropped. Raises
+    StatementError for a value that is not a dimension or unit.
     """
     if not isinstance(given, Mapping):
         raise StatementError(
@@ -312,9 +313,9 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
-    """Return the dimensions with each of a derivative in time replaced by that of its function of time.
+    """Return the dimensions; each entry of a time derivative, such as x.dot, becomes an entry of its function x.
 
-    Raises StatementError if the function was stated too, with a dimension or unit that does not fit.
+    Raises StatementError if the function was also stated, with a dimension or unit that does not fit.
     """
     dimensions = {symbol: one for symbol, one in stated.items() if not isinstance(symbol, sympy.Derivative)}
     time = dimensions.get(t, named("second"))
@@ -336,7 +337,7 @@ def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimen
 
 
 def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
-    """Return a dimension times a power of that of time, with the text of its unit if it has one."""
+    """Return a dimension times a power of the dimension of time. If it has a stated unit, the result has one too."""
     product = dimension * time ** Fraction(power)
     if not dimension.unit:
         return product
@@ -345,9 +346,9 @@ def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
 
 
 def check_names(given: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
-    """Raise StatementError for a name that the system does not have: neither a symbol nor one of its rates.
+    """Raise StatementError for a text key that is neither one of the `known` symbols nor one of their `rates`.
 
-    Unknown symbols are accepted: one table may serve several systems.
+    Unknown keys that are symbols are accepted, since one table may serve several systems.
     """
     for key in given:
         if isinstance(key, sympy.Basic) or key in known or key in rates:

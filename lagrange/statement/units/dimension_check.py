@@ -1,4 +1,4 @@
-"""Check the dimensions and the units of every term of a statement and of its events."""
+"""Check of dimensions and units in every term of a statement and of its events."""
 
 from __future__ import annotations
 
@@ -51,7 +51,11 @@ NO_UNIT = (
 
 
 class WrongTermError(Exception):
-    """A term with dimension `found` instead of `wanted`. `place` is "whole", "sum", "power" or "function"."""
+    """A term with the dimension `found` in place of `wanted`.
+
+    `place` is "whole", "sum", "power" or "function": the term is the whole expression, or in a sum, a power or a
+    function.
+    """
 
     def __init__(self, term: Any, found: Dimension, wanted: Dimension, place: str, within: Any = None) -> None:
         super().__init__()
@@ -59,7 +63,10 @@ class WrongTermError(Exception):
 
 
 def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement:
-    """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term."""
+    """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term.
+
+    `given` is the user's table, {symbol or name: dimension or unit}.
+    """
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
@@ -78,7 +85,7 @@ def _functions(statement: Statement) -> tuple[Any, ...]:
 
 
 def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[CheckedPart]:
-    """Return every expression of a statement with its required quantity, such as energy over q for the force on q."""
+    """Return every expression of a statement with its required dimension, such as energy over q for the force on q."""
     energies = {"the Lagrangian": statement.lagrangian}
     if not statement.lagrangian_alone:
         energies = {"the kinetic energy": statement.kinetic, "the potential energy": statement.potential}
@@ -104,7 +111,11 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
 
 
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
-    """Yield (multiplier, dimension): lambda phi of a holonomic constraint, else lambda psi t, is an energy."""
+    """Yield (multiplier, dimension) for each constraint.
+
+    A multiplier times a holonomic constraint is an energy. A multiplier times a constraint on velocities, times a time,
+    is an energy.
+    """
     energy = dimension_of(statement.lagrangian, known) or named("energy")
     for constraint in statement.constraints:
         dimension = dimension_of(constraint.expression, known)
@@ -140,7 +151,7 @@ def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension |
 
 
 def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
-    """Add the dimensions of symbols that follow from sums, arguments of functions and required quantities."""
+    """Add to `known` the dimensions of symbols that follow from sums, from functions and from required dimensions."""
     equations = UnitEquations(known)
     for part in parts:
         equations.unit(part.expression)
@@ -153,7 +164,7 @@ def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
 
 
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
-    """Return the message on a wrong term, in plain symbols."""
+    """Return the message on a wrong term. `plain` maps functions to symbols for messages."""
     term = in_short(wrong.term, plain)
     place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
     where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
@@ -168,10 +179,10 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
 
 
 class _Checker(UnitEquations):
-    """Finds the first term with a wrong dimension. `wanted` is the required dimension, or None for any."""
+    """Checks the dimension of every term. In its methods `wanted` is the required dimension, or None for any."""
 
     def check(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of an expression. Raises WrongTermError for a term with another dimension."""
+        """Return the dimension of an expression. Raises WrongTermError for the first term with a wrong dimension."""
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._sum(expression, wanted)
         dimension = self._single(expression, wanted)
@@ -180,9 +191,9 @@ class _Checker(UnitEquations):
         return dimension
 
     def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum.
+        """Return the dimension of a sum. Raises WrongTermError for a term with a wrong dimension.
 
-        If terms differ, the right dimension is the wanted one if a term has it, else the most frequent one.
+        If the terms differ, `wanted` is right if some term has it. Else the most frequent dimension is right.
         """
         dimensions = [(term, self._inside(term, wanted)) for term in expression.args]
         known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
@@ -203,7 +214,7 @@ class _Checker(UnitEquations):
         return right
 
     def _inside(self, term: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a term. An inner sum is checked alone, without the wanted dimension."""
+        """Return the dimension of a term of a sum. A term that is a sum itself has no required dimension."""
         is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
         return self.check(term, None) if is_sum else self._single(term, wanted)
 
@@ -226,7 +237,10 @@ class _Checker(UnitEquations):
             raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
 
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a product. A sum in it must have the wanted one over that of the other factors."""
+        """Return the dimension of a product, after checking its factors.
+
+        A factor that is a sum of different dimensions must have `wanted` divided by the dimension of the other factors.
+        """
         for factor in expression.args:
             others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
@@ -237,7 +251,7 @@ class _Checker(UnitEquations):
         return self.dimension(expression)
 
     def _powered(self, base: Any, exponent: Any, wanted: Dimension | None) -> None:
-        """Check a power. The wanted dimension is used only if the base is a sum of terms that differ."""
+        """Check a power. Its base has a required dimension only if it is a sum of terms with different dimensions."""
         power = number_of(exponent)
         if power is None:
             self.check(exponent, DIMENSIONLESS)
@@ -255,9 +269,9 @@ class _Checker(UnitEquations):
 
 
 def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
-    """Raise StatementError for an event, or a reset of it, whose terms differ in dimension or unit.
+    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit.
 
-    `zero` is the expression of event number `place`, `resets` are pairs of a symbol and the value that it is set to.
+    `zero` is the expression of event number `place`. `resets` are pairs of a symbol and the value that it is set to.
     """
     if statement.dimensions:
         _check(place, zero, tuple(resets), statement)
@@ -276,9 +290,9 @@ def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement
 
 
 def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) -> Any:
-    """Return `without_own_numbers` of an expression that has the dimension of a symbol `like`, or of any.
+    """Return `without_own_numbers(value)`, where `value` should have the dimension of `like`, or any if None.
 
-    Multiples of t stay if that is a time.
+    If `like` is a time and the value contains only t, the multiples of t stay.
     """
     all_known = {t: named("second"), **known}
 
@@ -319,7 +333,7 @@ MOST_REMEDIES, MOST_NAMED = 2, 4
 def with_scales(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions with the factors of units that follow from the stated ones.
+    """Return the dimensions with unit factors that were inferred from the stated units.
 
     `plain` maps functions to symbols for messages. Raises StatementError for a term in another unit than required, and
     for a symbol whose unit would not be a product of the stated base units.
@@ -339,7 +353,10 @@ def with_scales(
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], term: Any) -> str:
-    """Return the remedy for a term in another unit: symbols and the units to state them in. Each alone mends it."""
+    """Return the remedy for a term in another unit: alternatives of the form "x in cm instead of m".
+
+    `term` is the term; its symbols come first.
+    """
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term first: one of them is more often the wrong one.
     stated.sort(key=lambda symbol: not term.has(symbol))
@@ -355,7 +372,7 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], t
 
 
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
-    """Return the unit of a symbol that fits the units of all other symbols, or an empty text."""
+    """Return the unit of a symbol that fits the units of all other symbols, or "" if there is none."""
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
     equations = UnitEquations(others, strict=True)
     try:
@@ -378,13 +395,13 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
+    """Return the dimension of a symbol with the factor of its unit; the factor is None if it is not determined."""
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
 
 def _factor(logarithm: float) -> str:
-    """Return a factor as text."""
+    """Return the factor of a unit as text, from its natural logarithm."""
     if abs(logarithm) < LARGEST:
         return f"{math.exp(logarithm):.6g}"
     return f"10**{logarithm / math.log(10):.0f}"
@@ -411,8 +428,8 @@ def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) ->
 def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float, Fraction]]]:
     """Return {base dimension: {unit: (logarithm of its factor, power)}} for the base units in the stated units.
 
-    The power is that of the base dimension in the unit, such as -1 for Hz. Derived units such as N and J contribute kg,
-    m and s.
+    The power is the exponent of the base dimension in the unit, such as -1 for Hz. Derived units such as N and J
+    contribute kg, m and s.
     """
     bases: dict[str, dict[str, tuple[float, Fraction]]] = {"time": {"s": (0.0, Fraction(1))}}
     for name in (name for dimension in stated for name in units_in(dimension.unit)):
@@ -430,7 +447,7 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float,
 def _made(
     bases: Mapping[str, Mapping[str, tuple[float, Fraction]]], dimension: Dimension
 ) -> Iterator[tuple[float, str]]:
-    """Yield (scale, text) of each unit of a dimension that is a product of powers of base units."""
+    """Yield (logarithm of its factor, text) of each product of powers of base units that has a dimension."""
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
         pairs = zip(choice, dimension.exponents, strict=True)
         powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]

@@ -1,7 +1,7 @@
-"""Units of expressions as products of powers, some of them unknown, and the equations that sums and functions state.
+"""Units of expressions as products of powers, some of them unknown, and the linear equations between units.
 
-Terms of a sum have equal units, and arguments of functions have the unit of a number. Logarithms make these equations
-linear. Each is solved for one unknown when it is stated.
+Terms of a sum have equal units, and arguments of functions are dimensionless. In logarithms these equations are linear.
+Each equation is solved for one unknown when it is stated.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 
 @dataclass(frozen=True)
 class CheckedPart:
-    """An expression of a statement, its name in messages, `what`, and its required quantity.
+    """An expression of a statement, its name `what` in messages, and its required dimension and unit.
 
-    `like` is the name of a quantity, such as "energy", or a symbol with the required dimension and unit, or None for
-    any. With a symbol `per` the requirement is on the expression times this symbol.
+    `like` is the name of a quantity, such as "energy", or a symbol with the required dimension and unit, or None if any
+    is right. If a symbol `per` is given, the requirement is on the expression times this symbol.
     """
 
     what: str
@@ -36,7 +36,7 @@ class CheckedPart:
     per: Any = None
 
     def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
-        """Return the required dimension of the expression: None for any, and if it is not known yet."""
+        """Return the required dimension of the expression; None if any is right, or if it is not known yet."""
         whole = named(self.like) if isinstance(self.like, str) else known.get(self.like)
         if whole is None or self.per is None:
             return whole
@@ -44,7 +44,7 @@ class CheckedPart:
 
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
-    """Return a term in the plain symbols of messages, with tables by name, cut to 80 characters."""
+    """Return a term as text for messages, in plain symbols, with tables by name, cut to 80 characters."""
     named_tables = term.replace(
         lambda node: table_range(node) is not None, lambda node: sympy.Function("table")(node.args[0].cond.args[0].lhs)
     )
@@ -59,7 +59,7 @@ def number_of(exponent: Any) -> Fraction | None:
 
 
 def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
-    """Yield arguments of a function, or branches of a Piecewise, with their required dimensions; None for any.
+    """Yield (argument of a function or branch of a Piecewise, its required dimension or None if any is right).
 
     The argument of a table is a number, and so is its value. Quantities that are compared, such as both sides of a
     condition, are yielded as their difference.
@@ -82,11 +82,12 @@ def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[
 
 
 def without_own_numbers(expression: Any, is_time: Callable[[Any], bool], is_ratio: Callable[[Any], bool]) -> Any:
-    """Return an expression without its parts made of numbers and time alone: the units of such numbers are not stated.
+    """Return an expression without parts that contain only numbers and t: the units of such numbers are not stated.
 
-    Such terms are left out, such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
-    Numbers without units stay: multiples of t beside terms that are times, as in `t - a`, and numbers beside ratios of
-    quantities, as in `x/a - 1`.
+    Such terms are left out, and such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
+    Two kinds of such terms stay, because they need no unit: multiples of t beside terms that are times, as in `t - a`,
+    and numbers beside ratios of quantities, as in `x/a - 1`. `is_time` and `is_ratio` return True for the terms beside
+    them.
     """
 
     def without(node: Any) -> Any:
@@ -108,7 +109,7 @@ def is_multiple_of_time(term: Any) -> bool:
 
 
 def _own(node: Any) -> bool:
-    """Return True if a node contains only numbers and time."""
+    """Return True if a node contains only numbers and t."""
     return node.free_symbols <= {t} and not node.has(AppliedUndef)
 
 
@@ -117,16 +118,16 @@ def _replaced(node: Any) -> bool:
 
 
 class Factor(NamedTuple):
-    """Unknown: the factor of the unit of a symbol, or of a required quantity such as "energy"."""
+    """Unknown of the equations: the factor of the unit of `of`, a symbol or a required quantity such as "energy"."""
 
     of: Any
 
 
 @dataclass(frozen=True)
 class UnitProduct:
-    """A unit: a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
+    """A unit as a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
 
-    `powers` has the exponent of each base dimension by name, of each symbol without a known dimension, and of each
+    `powers` has the exponent of each base dimension by name, of each symbol whose dimension is unknown, and of each
     `Factor`. `logarithm` is the natural logarithm of the known factor.
     """
 
@@ -135,7 +136,7 @@ class UnitProduct:
 
     @classmethod
     def of(cls, dimension: Dimension, owner: Any) -> UnitProduct:
-        """Return the unit of a dimension. Without a known factor that of `owner` is unknown."""
+        """Return the unit of a dimension. If its factor is not known, it is the unknown `Factor` of `owner`."""
         powers: dict[Any, Fraction] = dict(dimension.exponents)
         if dimension.factor is None and powers:
             powers[Factor(owner)] = Fraction(1)
@@ -150,12 +151,12 @@ class UnitProduct:
         return UnitProduct(left, self.logarithm + float(power) * other.logarithm)
 
     def unknown(self, kind: type) -> Any:
-        """Return an unknown of a kind, a symbol or a `Factor`, or None."""
+        """Return an unknown of this unit that is of class `kind`, a symbol or a `Factor`; None if there is none."""
         return next((name for name in self.powers if isinstance(name, kind)), None)
 
 
 class OtherUnitError(Exception):
-    """A term in another unit than required; `ratio` is the logarithm of its unit over the required one."""
+    """A term in another unit than required; `ratio` is the logarithm of the factor between both units."""
 
     def __init__(self, term: Any, ratio: float) -> None:
         super().__init__()
@@ -163,10 +164,10 @@ class OtherUnitError(Exception):
 
 
 class UnitEquations:
-    """The units of expressions, each found once, and the unknowns that equations have determined.
+    """The units of expressions, and the values of the unknowns that equations have determined.
 
-    `dimensions` are the known ones by symbol. Contradictions are ignored: the first equation decides. If `strict`, a
-    term in another unit raises OtherUnitError.
+    `dimensions` are the known dimensions by symbol. If `strict`, a term in another unit raises OtherUnitError. Else
+    contradictions are ignored: the first equation decides.
     """
 
     def __init__(self, dimensions: Mapping[Any, Dimension], *, strict: bool = False) -> None:
@@ -175,7 +176,7 @@ class UnitEquations:
         self.units: dict[Any, UnitProduct | None] = {}
 
     def require(self, part: CheckedPart) -> None:
-        """Equate the unit of an expression with the required one."""
+        """State that the unit of an expression equals its required one."""
         unit = self.unit(part.expression)
         if unit is None or part.like is None:
             return
@@ -186,7 +187,7 @@ class UnitEquations:
             self._equate(sympy.Add.make_args(part.expression)[0], unit, required)
 
     def dimension(self, expression: Any) -> Dimension | None:
-        """Return the dimension of an expression, None if it is undetermined, and for zero."""
+        """Return the dimension of an expression; None if it is undetermined, or if the expression is zero."""
         unit = self.unit(expression)
         unit = None if unit is None else self._reduced(unit)
         if unit is None or unit.unknown(sympy.Basic) is not None:
@@ -195,7 +196,7 @@ class UnitEquations:
         return Dimension.of(exponents, None if unit.unknown(Factor) is not None else unit.logarithm)
 
     def unit(self, expression: Any) -> UnitProduct | None:
-        """Return the unit of an expression, None for zero, which fits every unit."""
+        """Return the unit of an expression; None for zero, which fits every unit."""
         if expression not in self.units:
             self.units[expression] = self._unit(expression)
         return self.units[expression]
@@ -218,7 +219,7 @@ class UnitEquations:
         return self._function(expression)
 
     def _product(self, factors: Sequence[tuple[Any, Fraction]]) -> UnitProduct | None:
-        """Return the unit of a product of powers."""
+        """Return the unit of a product of powers; `factors` are pairs of base and exponent."""
         total = UnitProduct()
         for factor, power in factors:
             unit = self.unit(factor)
@@ -236,7 +237,7 @@ class UnitEquations:
         return UnitProduct()
 
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
-        """Return the common unit of terms, after equating their units; None if all terms are zero."""
+        """Return the common unit of terms, after stating that their units are equal; None if all terms are zero."""
         first = None
         for term in terms:
             unit = self.unit(term)
@@ -257,7 +258,7 @@ class UnitEquations:
         return UnitProduct()
 
     def _number(self, expression: Any) -> None:
-        """Equate the unit of an expression with that of a number."""
+        """State that an expression is dimensionless."""
         unit = self.unit(expression)
         if unit is not None:
             self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct())
@@ -270,7 +271,7 @@ class UnitEquations:
         return unit
 
     def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct) -> None:
-        """State that two units are equal. `term` is named in the error of a strict check."""
+        """State that two units are equal. If the check is strict, `term` is the subject of the error."""
         ratio = self._reduced(unit.times(other, Fraction(-1)))
         unknown = ratio.unknown(sympy.Basic)
         if unknown is None and ratio.unknown(str) is None:

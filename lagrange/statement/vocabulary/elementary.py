@@ -1,7 +1,7 @@
-"""One record per elementary function of one number, read by all stages.
+"""One record per elementary function of one number, which all stages read.
 
-Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language that
-spells it otherwise, or lacks it, says so in its own file.
+Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language in
+which the function has another name, or is missing, states that in its own file.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ Rule = Callable[..., Any]
 class Elementary:
     """An elementary function y = f(a) of one number.
 
-    Its derivative is `sign` / `slope(a)`, from which its Taylor coefficients follow too, or `derivative(y, a)`; then
-    `lagrange.program.recurrence` states its coefficients. It is `odd` or `even` or neither. `exact` is an argument with
-    its value, both whole, and `pole` the value at zero if that is infinite. `size` is "bounded" by 1, or "unit" for a
-    dimensionless argument or value that may cancel. `spread` is the cause of lost digits: a "periodic" argument, or a
-    "growing" value. `everywhere` is true if every number has a value.
+    Its derivative is `sign` / `slope(a)`, from which its Taylor coefficients are computed too, or `derivative(y, a)`.
+    In that case `lagrange.program.recurrence` has its coefficients. The function is `odd`, `even` or neither. `exact`
+    is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` is
+    "bounded" if values are at most 1, or "unit" if an argument or value is dimensionless and may cancel. `spread` is
+    the cause of lost digits: a "periodic" argument, or a "growing" value. `everywhere` is true if every number has a
+    value.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Elementary:
 
     @property
     def partial(self) -> Rule:
-        """The derivative, from the value and the argument."""
+        """The derivative, as a function of the value y and the argument a."""
         if self.slope is None:
             assert self.derivative is not None
             return self.derivative
@@ -55,32 +56,32 @@ class Elementary:
 
     @cached_property
     def symbolic(self) -> Any:
-        """The function of SymPy."""
+        """The SymPy function."""
         return getattr(sympy, self.name)
 
     @cached_property
     def of_float(self) -> Callable[[float], float]:
-        """The function of Python, which raises where it has no finite value."""
+        """The function for Python floats; it raises an exception where there is no finite value."""
         function: Callable[[float], float] = getattr(math, self.name)
         return function
 
     @cached_property
     def of_array(self) -> Callable[..., Any]:
-        """The function of numbers and arrays: NumPy's, or that of Python for each number."""
+        """The function for numbers and arrays: NumPy's, or the function for floats applied to each entry."""
         return getattr(np, self.array_name, self._each)
 
     @property
     def array_name(self) -> str:
-        """The name in NumPy, if it has the function."""
+        """The name of this function in NumPy, if NumPy has it."""
         return f"arc{self.name[1:]}" if self.name.startswith("a") else self.name
 
     def _each(self, a: Any) -> Any:
-        """Return the values of a number or an array."""
+        """Return the values for a number, or for each entry of an array."""
         return np.array([self.of_float(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
 
     @cached_property
     def precise(self) -> Callable[..., Any]:
-        """The function of mpmath on its raw numbers, with a precision."""
+        """The function of mpmath for its raw numbers, with a precision as argument."""
         function: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
         return function
 
