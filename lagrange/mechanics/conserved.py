@@ -1,4 +1,4 @@
-"""Conserved quantities: the energy, momenta, quantities of symmetries; their values along a run."""
+"""Conserved quantities: the energy, momenta, and quantities of symmetries, with their values along a run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def runge_lenz(stated: StatedAlgebra, place: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield the components of the Runge-Lenz vector by name; none unless the only force is that of a potential k/|r|.
+    """Yield (name, component) of the Runge-Lenz vector if the only force is that of a potential k/|r|; else nothing.
 
     `place` is the position of the single body.
     """
@@ -66,7 +66,7 @@ def _strength(stated: StatedAlgebra, place: BodyPosition, distance: Any) -> Any:
 
 
 def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
-    """Return the forms in which |r| may occur in L: a coordinate if it equals |r|, and the square root."""
+    """Return the expressions that |r| may be in L: the square root, and a coordinate that equals |r|."""
     square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in place.r), S.Zero)))
     if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
         return []
@@ -78,7 +78,10 @@ def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
 def _components(
     stated: StatedAlgebra, place: BodyPosition, strength: Any, distance: Any
 ) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield p x L - mass k r/|r|, where p x L is mass^2 times r v^2 - v (r . v)."""
+    """Yield (name, component) of p x L - mass k r/|r|, where p x L is mass^2 (r v^2 - v (r . v)).
+
+    `strength` is k, and `distance` the expression of |r|.
+    """
     r, v = Matrix(place.r), Matrix(place.v)
     square, along = v.dot(v), r.dot(v)
     for k, axis in enumerate("xyz"[: len(place.r)]):
@@ -97,8 +100,8 @@ MOST_SYMMETRY_MONOMIALS = 60_000
 class Conserved(ShownAsPage):
     """A quantity that stays constant along every motion, in coordinates, velocities, parameters and t.
 
-    `name` is "energy", "p_phi", "angular momentum z" and the like; `reason` says why it is conserved. `statement` is
-    that of the system.
+    `name` is "energy", "p_phi", "angular momentum z" and the like. `reason` says why it is conserved. `statement` is
+    the statement of the system.
     """
 
     name: str
@@ -114,7 +117,7 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return the conserved quantities that are proven. The list may be incomplete.
+    """Return the conserved quantities that are proven; others may exist.
 
     Raises RunError if a proven quantity changes along the compiled motion, which is a fault of this library.
     """
@@ -157,7 +160,8 @@ def _momenta_of_turns(
 ) -> Iterator[Conserved]:
     """Yield the conserved angular momenta of rigid bodies about axes fixed in space and in the body.
 
-    `stated` is the algebra of the statement, and `read` that of the statement as people read it.
+    `stated` has the expressions of the statement in quaternions. `read` has them in turns and rates of the bodies, in
+    which the momenta are shown.
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
@@ -184,7 +188,7 @@ RUNGE_LENZ = "The force falls with the square of the distance, so the axis of th
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:
-    """Yield the proven symmetries, without those of ignorable coordinates and linear combinations of earlier shifts."""
+    """Yield the proven symmetries. Those of ignorable coordinates and combinations of earlier shifts are left out."""
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
     earlier: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
@@ -204,7 +208,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
-    """Return True if a short proof shows that a candidate leaves the Lagrangian unchanged, without a gauge function."""
+    """Return True if a short proof shows that the symmetry `candidate` leaves the Lagrangian unchanged."""
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
             return equation.proven(candidate)
@@ -228,9 +232,10 @@ LONGEST_SHOWN = 200
 
 @refusing_deep
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
-    """Return the conserved p . xi - tau E - F of a symmetry {q: xi, t: tau}.
+    """Return the conserved p . xi - tau E - F of a symmetry with the generator {q: xi, t: tau}.
 
-    Raises StatementError if the generator is not a symmetry of the system.
+    p are the momenta, E is the energy, and F the gauge function. Raises StatementError if the generator is not a
+    symmetry of the system.
     """
     statement = model.statement
     shift = _checked_generator(statement, generator)
@@ -281,7 +286,7 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
 
 
 def _kept(model: Model, symmetry: Symmetry) -> bool:
-    """Return True if constraints allow the conservation law.
+    """Return True if the constraints do not break the conservation law of a symmetry.
 
     Either the symmetry does not shift time, or the constraint forces do no work.
     """
@@ -291,7 +296,7 @@ def _kept(model: Model, symmetry: Symmetry) -> bool:
 def _refusal(
     model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
 ) -> str:
-    """Return the error message for a generator that is not a symmetry: the rate of change of its quantity."""
+    """Return the error message for a generator that is not a symmetry, with the rate of change of its `quantity`."""
     (rates,) = quantity_rates(model, [quantity])
     worst = rates.worst
     across = [
@@ -330,7 +335,7 @@ REST = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """The rate of a quantity at K states of a model: `values` (K,), and `sizes` (K,), the magnitudes of its terms."""
+    """Time derivatives of a quantity at K states: `values` (K,), and `sizes` (K,), the magnitudes of their terms."""
 
     points: Sequence[SamplePoint]
     values: FloatArray
@@ -346,7 +351,7 @@ class QuantityRates:
 
 
 def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
-    """Return the rates of expressions in q, v and t along the compiled motion, at random states."""
+    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states."""
     points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
     terms = [_rate_terms(model, expression) for expression in expressions]
     if not points or not any(terms):
@@ -363,7 +368,7 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return a state near a point that satisfies constraints and first-order equations of motion, or None."""
+    """Return a state near a point that is on the constraints and on first-order equations of motion, or None."""
     if not len(model.equations.constraints):
         return point
     projection = Projection(model, point.t, model.parameter_array(point.parameters))
@@ -378,7 +383,7 @@ def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
 
 
 def _rate_terms(model: Model, expression: Any) -> list[Any]:
-    """Return the terms of the time derivative of an expression: partial derivatives times the rates of the symbols."""
+    """Return the terms of the time derivative of an expression: partial derivatives times the rates of symbols."""
     statement = model.statement
     plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
     back = {symbol: leaf for leaf, symbol in plain.items()}
@@ -412,7 +417,7 @@ MOST_LINES = 3
 
 
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
-    """Return the values of the conserved quantities by name, (N,) each, for states y (2n, N) at times t (N,)."""
+    """Return the values (N,) of the conserved quantities by name, for states y (2n, N) at times t (N,)."""
     quantities = conserved_quantities(model)
     if not quantities:
         return ByName("invariant")
@@ -423,7 +428,7 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameter
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
-    """Return by name the largest sum of the magnitudes of the terms of each conserved quantity.
+    """Return, for each conserved quantity by name, the largest sum of the magnitudes of its terms.
 
     It is a scale for drifts, since the quantity itself may be zero up to rounding. States y are (2n, N), times t (N,).
     """
@@ -438,7 +443,7 @@ def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def _terms(expression: Any) -> Any:
-    """Return the sum of the magnitudes of the terms of an expression."""
+    """Return an expression for the sum of the magnitudes of the terms of an expression."""
     if expression.is_Add or expression.is_Mul:
         return expression.func(*map(_terms, expression.args))
     if expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:
@@ -449,8 +454,8 @@ def _terms(expression: Any) -> Any:
 def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
     """Return the relative changes of the momenta of ignorable coordinates since the first time, (N,) each, by name.
 
-    They are relative to the largest magnitude of the momentum or of its terms M_ij v_j, since a momentum may be zero.
-    Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
+    A change is relative to the largest magnitude of the momentum or of its terms M_ij v_j, since a momentum may be
+    zero. Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
     """
     structure = model.equations.structure
     indices = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
@@ -469,7 +474,7 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
-    """Return lines of a status card: the largest drift of each momentum, and the number of omitted momenta."""
+    """Return lines (label, text) of a run's summary: the largest drift of each momentum, and how many are omitted."""
     lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
     left = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

@@ -40,10 +40,10 @@ class Equilibrium(ShownAsPage):
 
     `coordinates` maps each coordinate to an expression in parameters; an arbitrary coordinate is mapped to itself.
     `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters under which it exists.
-    `exists` is its truth at the values of the parameters, or None if a value is missing. `stable` is True, False, or
-    None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness, at fixed momenta of
-    ignorable coordinates: if all are positive, the energy has a minimum. `exact` is false if the equilibrium was found
-    numerically. `statement` is the statement of the system.
+    `exists` is the truth of the condition at the values of the parameters, or None if a value is missing. `stable` is
+    True, False, or None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness matrix
+    at fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. `exact` is false if the
+    equilibrium was found numerically. `statement` is the statement of the system.
     """
 
     coordinates: Mapping[Any, Any]
@@ -70,7 +70,7 @@ class Equilibrium(ShownAsPage):
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
-    """Return the equilibria: symbolic if the equations can be solved, else numerical, sorted by energy.
+    """Return the equilibria, sorted by energy. They are symbolic if the equations can be solved, else numerical.
 
     `rates` maps ignorable coordinates to steady velocities, or is None. Raises StatementError if there are none.
     """
@@ -144,7 +144,7 @@ class _Problem:
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
     def searched(self) -> list[dict[Any, Any]]:
-        """Search equilibria numerically, {symbol: value} each. Raises StatementError for parameters without values."""
+        """Return numerical equilibria, {symbol: value} each. Raises StatementError if parameters lack values."""
         statement = self.statement
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
         if missing:
@@ -169,7 +169,7 @@ class _Problem:
         return all(x.xreplace(turn) == x for x in (self.form.lagrangian, *self.form.forces, *self.zeros))
 
     def none_found(self, *, symbolic: bool) -> str:
-        """Return the error message for no equilibrium; it says how the search was done."""
+        """Return the error message for no equilibrium. It says whether the search was `symbolic` or numerical."""
         statement = self.statement
         named = listing(statement.names[i] for i in self.rows)
         if symbolic:
@@ -227,7 +227,7 @@ class _Problem:
         )
 
     def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:
-        """Return the verdict on stability and its criterion. If the linearization fails, its message is the reason."""
+        """Return the verdict on stability and its criterion. If the linearization fails, its error is the reason."""
         try:
             lin = linearized_at(point)
         except StatementError as refusal:
@@ -239,7 +239,7 @@ class _Problem:
         return criterion(lin, self.free if not self.statement.constraints else ())
 
     def principal(self, symbol: Any, value: Any) -> Any:
-        """Return an angle with a known value reduced to (-pi, pi]; return any other value unchanged."""
+        """Return the value of an angle reduced to (-pi, pi] if the value is known; return any other value unchanged."""
         if not self.is_angle(symbol):
             return value
         angle = number(value, {p: sympy.Rational(x) for p, x in self.statement.defaults.items()})
@@ -248,7 +248,11 @@ class _Problem:
         return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
 
     def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
-        """Evaluate the forces at a solution. Raises RunError if one exceeds its rounding, a fault of this library."""
+        """Evaluate the forces at a solution `values`, with numbers `known` for the parameters.
+
+        Raises RunError if a force exceeds its rounding error, which is a fault of this library. Nothing is tested
+        unless the equilibrium `exists` for these numbers.
+        """
         if not exists or not all(m in values for m in self.multipliers):
             return  # the search has already tested numerical solutions
         free = {q: sympy.Rational(3, 10) for q in self.unknowns}

@@ -1,4 +1,4 @@
-"""The expansion point of an analysis, corners of expressions near it, and systems expanded about it."""
+"""The expansion point of an analysis, corners of expressions near the point, and systems expanded about it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COMPARED = sympy.core.relational.Relational
 
 
 def edges(given: Any) -> Sequence[Any]:
-    """Return expressions that are zero at the corners and jumps of an expression; `given` is from `PlainForm.read`."""
+    """Return expressions whose zeros are the corners and jumps of `given`, an expression from `PlainForm.read`."""
     zeros = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(given.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:
@@ -32,7 +32,7 @@ def edges(given: Any) -> Sequence[Any]:
 
 
 def on_side(given: Any, edge: Any, sign: int) -> Any:
-    """Return the formula of an expression on one side of a corner: where `edge` has the sign 1 or -1."""
+    """Return the formula of an expression on one side of a corner: the side on which `edge` has the sign 1 or -1."""
     table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
     for comparison in sorted(given.atoms(_COMPARED), key=str):
         if comparison.lhs - comparison.rhs == edge:
@@ -41,7 +41,7 @@ def on_side(given: Any, edge: Any, sign: int) -> Any:
 
 
 def _compared(one: Any, sign: int) -> Any:
-    """Return the truth of a comparison whose left side minus right side has the sign 1 or -1."""
+    """Return the truth of a comparison if left minus right side has the sign 1 or -1."""
     above: Mapping[str, bool] = {">": sign > 0, ">=": sign > 0, "<": sign < 0, "<=": sign < 0, "!=": True}
     return sympy.true if above.get(one.rel_op, False) else sympy.false
 
@@ -83,11 +83,11 @@ class StatedPoint:
 
     @cached_property
     def decimal(self) -> bool:
-        """True if the point contains decimals. It then holds only for the present values of the parameters."""
+        """True if the point contains decimals, so that it is valid only for the present values of the parameters."""
         return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
 
     def in_decimals(self) -> StatedPoint:
-        """Return the point in decimals at the values of the parameters; zeros remain exact."""
+        """Return the point with its values as decimals, at the values of the parameters; zeros remain exact."""
         q, v = (
             tuple(x if x == 0 else sympy.N(x.xreplace(self.numbers), 17) for x in part) for part in (self.q, self.v)
         )
@@ -112,7 +112,7 @@ class StatedPoint:
         )
 
     def _smooth(self, residual: Any, name: str) -> Any:
-        """Return the formula of a residual on one side of its corners at the point; `name` is its coordinate."""
+        """Return a residual without corners at the point; `name` is the coordinate of its equation."""
         symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)
         for edge in edges(residual):
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
@@ -131,7 +131,7 @@ class StatedPoint:
         return residual
 
     def _branch(self, side: Any) -> Any:
-        """Return an expression with each Piecewise replaced by its branch at the point, where that is known."""
+        """Return an expression with each Piecewise replaced by its branch at the point, if that branch is known."""
 
         def chosen(node: Any) -> Any:
             known = ((value, condition.xreplace(self.table)) for value, condition in node.args)
@@ -140,7 +140,7 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if two expressions differ at the point by the rounding of decimals, as pieces of a table do."""
+        """Return True if two expressions, of both sides of a corner, differ at the point by rounding of decimals."""
         if not above.has(sympy.Float):
             return False
         values = {**dict.fromkeys(self.form.a, sympy.S.Zero), **self.numbers, **self.table}
@@ -148,7 +148,7 @@ class StatedPoint:
         return abs(number(above - below, values)) <= ROUNDED_PIECES * size
 
     def is_zero(self, given: Any, scale: Any) -> bool:
-        """Return True if an expression is zero at the point; decimals to eight digits relative to `scale` or 1."""
+        """Return True if an expression is zero at the point. Decimals may differ by 1e-8, relative to `scale` or 1."""
         if not self.decimal or given.free_symbols:
             return vanishes(self.form, given)
         size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
@@ -181,9 +181,9 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point that the mapping `at` states; coordinates, velocities and inputs that it omits are zero.
+    """Return the point that the mapping `at` states. Coordinates, velocities and inputs without an entry are zero.
 
-    Each quaternion has the constraint of length one. Raises StatementError for rates of a rotation, too.
+    Each quaternion gets the constraint of length one. Raises StatementError also for rates of a rotation.
     """
     values, chosen = stated_values(statement, at, inputs)
     if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
@@ -201,10 +201,10 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
 
 
 def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any, Any], tuple[Any, ...]]:
-    """Return the values of coordinates, velocities and inputs that the mapping `at` states, and the inputs.
+    """Return the values of coordinates, velocities and inputs from the mapping `at`, and the inputs.
 
-    What it omits is zero; an omitted rotation is the identity. Raises StatementError for unknown keys, and for values
-    that are not constant.
+    Those without an entry are zero; a rotation without an entry is the identity. Raises StatementError for unknown
+    keys, and for values that are not constant.
     """
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
@@ -231,7 +231,7 @@ def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any,
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with the constraint of length one on each quaternion, as coordinates like others."""
+    """Return the statement with a constraint of length one on each quaternion, whose entries are then coordinates."""
     lengths = (
         Constraint(f"{each.name}_length", (sum(q**2 for q in each.quaternion) - 1) / 2, holonomic=True)
         for each in map(rotation_of, statement.rotations)
@@ -240,7 +240,7 @@ def with_lengths(statement: Statement) -> Statement:
 
 
 def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
-    """Return the parameters that are inputs."""
+    """Return the parameters that the user lists as inputs, `given`."""
     by_name = {p.name: p for p in statement.parameters}
     listed: Sequence[Any] | None = entries(given, "inputs") if not isinstance(given, str) else [given]
     symbols = []
@@ -256,7 +256,7 @@ def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
 
 
 def _constant(statement: Statement, given: Any, what: str) -> Any:
-    """Return a constant expression in the parameters of the system. Raises StatementError if it has coordinates."""
+    """Return a user's expression in parameters alone, named `what`. Raises StatementError if it has coordinates."""
     value, survey = expression(given, what), Survey()
     survey.add(value, what)
     if survey.coordinates or survey.velocities:
@@ -278,7 +278,7 @@ def small(statement: Statement, about: Any, order: Any) -> Statement:
 
 
 class _StatementExpansion:
-    """Expansion of a statement. L, D and the constraints have `order`, forces one less, as equations of motion do."""
+    """Expansion of a statement about a point. L, D and the constraints are expanded to `order`, forces to one less."""
 
     def __init__(self, point: StatedPoint, order: int) -> None:
         self.point, self.form, self.order = point, point.form, order
@@ -310,7 +310,7 @@ class _StatementExpansion:
         return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
-        """Return a stated expression as a polynomial of that degree in the changes."""
+        """Return an expression as a polynomial of degree `order` in the changes; `what` names it in errors."""
         plain = self.form.read(stated)
         self.check_smooth(plain, what)
         moved = {
@@ -331,7 +331,7 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in the changes in coordinates and velocities, its coefficients in their shortest form."""
+        """Return a polynomial in the changes, written in coordinates and velocities, with short coefficients."""
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(
@@ -342,7 +342,7 @@ class _StatementExpansion:
         )
 
     def check_smooth(self, given: Any, what: str) -> None:
-        """Refuse an expression with a corner or a jump at the point."""
+        """Raise StatementError for an expression with a corner or a jump at the point; `what` names the expression."""
         point = dict(zip(self.symbols, self.values, strict=True))
         for edge in edges(given):
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **point})) == 0:
@@ -352,7 +352,7 @@ class _StatementExpansion:
                 )
 
     def check_constraints(self) -> None:
-        """Refuse a point that is not on the constraints."""
+        """Raise StatementError for a point that is not on the constraints."""
         for constraint in self.form.statement.constraints:
             residual = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
             if not self.point.is_zero(residual, ()):
@@ -362,7 +362,7 @@ class _StatementExpansion:
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:
-        """Refuse an expansion in which a coordinate has no inertia any more."""
+        """Raise StatementError if a coordinate has inertia in the system, but not in the expanded Lagrangian."""
         stated = self.form.statement
         lost = [
             name
@@ -377,7 +377,7 @@ class _StatementExpansion:
 
     @property
     def note(self) -> str:
-        """Description of the expansion. It states if the point is not an equilibrium."""
+        """Sentences that describe the expansion, and say if the point is not an equilibrium."""
         description = (
             f"Expanded about {self.point.where} to order {self.order} in changes of coordinates and velocities."
         )

@@ -1,1 +1,1 @@
-"""Equations of motion that somebody derived, compared with those of the system."""
+"""Comparison of equations of motion that somebody derived with those of the system."""

@@ -1,4 +1,4 @@
-"""Limit on the processor time that one comparison spends on naming a wrong term; the verdict does not need it."""
+"""Limit on the processor time that a comparison spends on naming a wrong term. The verdict is computed without it."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 def check_budget() -> None:
-    """Raise BudgetSpent if the processor time of the block that is `limited` is spent."""
+    """Raise BudgetSpent if the processor time of the enclosing `limited` block is spent."""
     if time.process_time() >= _END.get():
         raise BudgetSpent
 
 
 def check_size(*expressions: Any) -> None:
-    """Raise BudgetSpent if one of the expressions is so large that a single call of SymPy takes long."""
+    """Raise BudgetSpent if an expression is so large that a single call of SymPy would take too long."""
     calls = {call for expression in expressions for call in expression.atoms(*_GROWING)}
     numbers = {abs(number) for call in calls for number in call.args[0].atoms(sympy.Number)}
     if max(numbers, default=0) > LARGEST_NUMBER or any(expansion(x) > LARGEST_EXPANSION for x in expressions):
@@ -67,7 +67,7 @@ def check_size(*expressions: Any) -> None:
 
 
 def expansion(expression: Any) -> int:
-    """Return the number of terms of an expression after expansion; functions and large powers count as one."""
+    """Return the number of terms that an expression has after expansion; functions and large powers count as one."""
     if expression.is_Add:
         return sum(map(expansion, expression.args))
     if expression.is_Mul:

@@ -1,4 +1,4 @@
-"""Compare equations of motion that a user derived with those of a system, in every branch; name the wrong term."""
+"""Comparison of a user's equations of motion with those of a system, in every branch; the wrong term is named."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def branch_samples(
 ) -> tuple[list[MotionSample], list[Way]]:
     """Return states with new combinations of switch outcomes, and the outcomes that no state reaches.
 
-    Switches are the conditions in the statement and in the equations. Entries of a state are drawn from all magnitudes,
-    and near the numbers that the equations, energies and forces contain.
+    Switches are the conditions in the statement and in the equations. `known` are earlier samples. Entries of a state
+    are drawn from all magnitudes, and near the numbers in the equations, energies and forces.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -80,14 +80,14 @@ def branch_samples(
 
 
 def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
-    """Return, sorted, 1 and the magnitudes of the numbers in the equations, energies and forces."""
+    """Return the magnitudes of the numbers in the equations, energies and forces, and 1, sorted."""
     expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
     numbers = {abs(float(x)) for term in expressions for x in term.atoms(sympy.Number) if x.is_finite}
     return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
 
 
 def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[SamplePoint]:
-    """Yield `DRAWS` points with entries of all magnitudes, half of the entries near one of the numbers."""
+    """Yield `DRAWS` points with entries of all magnitudes; half of the entries are near one of the `numbers`."""
     sampler, draw = Sampler(statement, 1), random.Random(1)
 
     def near() -> float:
@@ -103,10 +103,10 @@ def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[SamplePo
 
 
 def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[MotionSample]]:
-    """Return the samples with the multipliers that may be meant: those of the system, and their multiples in equations.
+    """Return alternative lists of samples, with the multipliers that an answer may use.
 
-    The forces of an equation determine how many times its multiplier is that of the system; another name, sign or unit
-    is not an error.
+    The first list has the multipliers of the system. Each other list has multiples of them, as the forces in one
+    equation require. An answer may name, scale and sign its multipliers in another way.
     """
     choices = [list(samples)]
     for row in rows:
@@ -118,14 +118,17 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
 
 
 def _scaled(row: EquationRow, rows: Sequence[EquationRow], sample: MotionSample) -> MotionSample:
-    """Return a sample with the multipliers of an equation; those that it lacks are as in the first that has them."""
+    """Return a sample with the multipliers of `row`. Others are those of the first equation that has them."""
     multiples = [_multiples(other, sample) for other in (row, *rows)]
     first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
     return replace(sample, multipliers=tuple(x * k for x, k in zip(sample.multipliers, first, strict=True)))
 
 
 def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[MotionSample]) -> str:
-    """Return a sentence on the ratio of the multipliers in right equations, `chosen`, to those of the system."""
+    """Return a sentence on the ratio of an answer's multipliers to those of the system.
+
+    `chosen` are samples with the multipliers of the answer, `samples` the same ones with those of the system.
+    """
     both = zip(chosen, samples, strict=True)
     every = [
         a / b
@@ -142,7 +145,7 @@ def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[Mo
 
 
 def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
-    """Return the ratios of an equation's multipliers to those of the system at a sample, None where it has none."""
+    """Return for each multiplier the ratio of the equation's one to that of the system; None if it has none."""
     n = len(sample.mass)
     slopes, _ = row.numbers(sample)
     weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
@@ -181,12 +184,12 @@ A wrong equation passes only if it holds by chance at all of them.
 
 @dataclass(frozen=True, repr=False)
 class EquationsComparison(ShownAsPage):
-    """Result of a comparison: true if the equations are those of the system, else `message` names the first wrong term.
+    """Result of a comparison: true if the equations are those of the system. Else `message` names the first wrong term.
 
     `counterexample` maps names to values: a state at which the first wrong equation fails, and the true accelerations.
-    It is empty if no such state is known. `details` is the same as a sentence. `wrong` lists the indices of the wrong
-    equations. `read` is the text of the equations as they were understood, one per line, in the notation of scene
-    files.
+    It is empty if no such state is known. `details` is the counterexample as a sentence. `wrong` lists the indices of
+    the wrong equations. `read` is the text of the equations as they were understood, one per line, in the notation of
+    scene files.
     """
 
     right: bool
@@ -255,10 +258,10 @@ def compare_equations(
 def _likeliest(
     equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]
 ) -> tuple[StudentEquation, EquationRow]:
-    """Return the first reading of an equation that holds at all samples, or else its first linear reading.
+    """Return the first reading of an equation that holds at all samples, or else its first linear reading, as a row.
 
-    A reading may hold with exact numbers for its decimals. Then `note` has a sentence on these.
-    A reading that is not linear in the accelerations is skipped. Raises StatementError if all readings are such.
+    A reading may hold only after exact numbers replace its decimals. Then `note` has a sentence on these numbers. A
+    reading that is not linear in the accelerations is skipped. Raises StatementError if no reading is linear.
     """
     rows: list[tuple[StudentEquation, EquationRow]] = []
     refused: StatementError | None = None
@@ -284,9 +287,9 @@ def _likeliest(
 
 
 def _integrated(equation: StudentEquation, row: EquationRow) -> tuple[StudentEquation, EquationRow] | None:
-    """Return the time derivative of an equation between coordinates if the constraints are on velocities, else None.
+    """Return the time derivative of an equation between coordinates if constraints are on velocities; else None.
 
-    The constraint x' = R phi' may be given as x = R phi: it is right up to a constant.
+    Example: the constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
     """
     statement = row.statement
     plain = list(statement.plain.values())
@@ -314,8 +317,8 @@ def _compared(
 ) -> tuple[EquationsComparison, bool]:
     """Return the result for one reading of each equation, and True if exactly one term is wrong.
 
-    `untried` lists outcomes of switches that no sample has. `pulling` is true if multipliers were typed as forces, T.
-    `doubted` is true if a remark that does not hold was left out.
+    `untried` lists outcomes of switches that no sample has. `pulling` is true if multipliers were typed as forces such
+    as T. `doubted` is true if the answer has a remark that does not hold, which was left out.
     """
     statement = rows[0].statement
     choices = [(chosen, _wrong(rows, chosen)) for chosen in with_multiples(rows, samples)]
@@ -347,7 +350,7 @@ def _compared(
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
     """Return a sentence on a tiny number in a right equation, or "".
 
-    The equation holds with the number and with zero in its place, so the number was not tested.
+    The equation holds also with zero in place of the number, so the number was not tested.
     """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
@@ -358,7 +361,7 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
 
 
 def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
-    """Return the indices of the equations that do not hold."""
+    """Return the indices of the equations that do not hold at the samples."""
     return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
 
 
@@ -372,9 +375,9 @@ def _blamed(
 ) -> tuple[tuple[int, ...], WrongTerm]:
     """Return the indices of the wrong equations and the first wrong term, for the likeliest multipliers.
 
-    Each choice has the samples with multipliers that may be meant, and the equations that are wrong with them. Those
-    with the fewest wrong equations count; of these, the one with the cheapest change. A force that was typed by a
-    letter such as T, `pulling`, is positive.
+    Each of `choices` is (samples with possible multipliers, indices of the equations that are wrong with them). Choices
+    with the fewest wrong equations are compared, and the one with the cheapest change is taken. If multipliers were
+    typed as forces such as T, which is `pulling`, negative ones are less likely.
     """
     fewest = min(len(wrong) for _, wrong in choices if wrong)
     ranked = []
@@ -390,12 +393,12 @@ def _blamed(
 
 
 def _is_negative(samples: Sequence[MotionSample]) -> bool:
-    """Return True if the multipliers of samples are negative on average."""
+    """Return True if the sum of all multipliers of the samples is negative."""
     return bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:
-    """Return a sentence on the branches that no state reaches, or an empty string."""
+    """Return a sentence on the branches `left`, which no state reaches, or ""."""
     if not left:
         return ""
     more = f", nor for {len(left) - 1} other branches" if len(left) > 1 else ""
@@ -403,11 +406,11 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
 
 
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
-    """Return the end of a sentence on what right equations leave undetermined, or an empty string.
+    """Return the end of a sentence on what right equations leave undetermined, or "".
 
-    An equation without accelerations enters by its derivative with respect to time, and the length of a quaternion
-    needs no equation. Constraints are part of the statement: they need not be repeated, unless the answer is `doubted`
-    for a remark that does not hold, such as a wrong constraint.
+    An equation without accelerations counts by its derivative with respect to time, and the length of a quaternion
+    needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
+    answer is `doubted`: if it has a remark that does not hold, such as a wrong constraint.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -442,9 +445,9 @@ def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, do
 
 
 def _leading(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[MotionSample, list[list[float]]]:
-    """Return the first sample at which all equations have values, and their coefficients there.
+    """Return the first sample at which all equations have values, and their leading coefficients there.
 
-    Raises OutsideDomain if no sample is such.
+    Raises OutsideDomain if there is no such sample.
     """
     for sample in samples[:-1]:
         with suppress(OutsideDomain):
@@ -453,14 +456,14 @@ def _leading(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tu
 
 
 def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
-    """Return the rank of a matrix, and its right singular vectors by rows."""
+    """Return the rank of a matrix, and its right singular vectors as rows."""
     scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
     _, sizes, directions = np.linalg.svd(scaled)
     return int((sizes > 1e-10 * sizes[0]).sum()) if sizes[0] else 0, directions
 
 
 def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
-    """Return the names of coordinates and rotations whose accelerations are not determined by the rows of a matrix."""
+    """Return the names of coordinates and rotations whose accelerations the rows of a matrix do not determine."""
     rank, directions = _rank(matrix)
     sizes = np.abs(directions[rank:, : len(names)]).max(axis=0, initial=0.0)
     return list(dict.fromkeys(name for name, size in zip(names, sizes, strict=True) if size > 1e-8))
@@ -469,7 +472,7 @@ def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result for equations of which some do not hold; `named` is the sentence on the first wrong term."""
+    """Return the result if the equations `wrong` do not hold; `named` is the sentence on the first wrong term."""
     row = rows[wrong[0]]
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
@@ -488,7 +491,7 @@ def _refuted(
 
 
 def _where_it_fails(row: EquationRow, samples: Sequence[MotionSample]) -> MotionSample | None:
-    """Return the first sample at which an equation has a value and does not hold, or None."""
+    """Return the first sample at which an equation has a value but does not hold, or None."""
     for sample in samples:
         try:
             left, size = row.residual(sample)

@@ -1,4 +1,4 @@
-"""Random states with the accelerations and multipliers there, to many digits, without compiled code."""
+"""Random states with the accelerations and multipliers at them, to many digits, without compiled code."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ SINGULAR = 1e-12
 
 
 class FirstOrderStates:
-    """Relations between velocities: the equations of motion of coordinates without inertia.
+    """Equations of motion of coordinates without inertia, which are relations between velocities.
 
-    `places` are the indices of these coordinates. Coordinates that occur in a constraint are not among them.
+    `places` are the indices of these coordinates. Coordinates that occur in a constraint are not included.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -55,9 +55,9 @@ class FirstOrderStates:
             )
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
-        """Return the point with velocities of these coordinates that satisfy the relations.
+        """Return the point with new velocities of these coordinates, which satisfy the relations.
 
-        Raises OutsideDomain if the relations do not determine them, or are not linear in them.
+        Raises OutsideDomain if the relations do not determine the velocities, or are not linear in them.
         """
         if self._tape is None:
             return point
@@ -88,9 +88,10 @@ ATTEMPTS = 120
 
 @dataclass(frozen=True)
 class MotionSample:
-    """A state on the constraints, with the accelerations (n,), the multipliers (m,) and the matrices M and G there.
+    """A state on the constraints, with the accelerations (n,), the multipliers (m,), the mass matrix and the gradients.
 
-    `first_order` are the indices of coordinates without inertia, whose equations of motion are of first order.
+    `gradient` has a row for each constraint. `first_order` are the indices of coordinates without inertia, whose
+    equations of motion are of first order.
     """
 
     point: SamplePoint
@@ -107,7 +108,7 @@ class MotionSample:
 
 
 def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[MotionSample]:
-    """Return `count` states at which the statement determines the motion; the same seed gives the same states.
+    """Return `count` states at which the statement determines the motion; equal seeds give equal states.
 
     Most parameters and states are of order one, so that no term is negligible. Raises StatementError if not enough
     states are found.
@@ -125,21 +126,21 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
 
 
 class MotionStates:
-    """States of a statement that satisfy its constraints and its equations of first order, with the motion there."""
+    """Finds states that satisfy the constraints and first-order equations of a statement, and the motion at them."""
 
     def __init__(self, statement: Statement) -> None:
         self._surface, self._relations = ConstraintSurface(statement), FirstOrderStates(statement)
         self.reference = Reference(statement, self._relations.places)
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
-        """Return a nearby state that satisfies constraints and relations. Raises OutsideDomain if none is found."""
+        """Return a nearby state on the constraints and first-order equations. Raises OutsideDomain if none is found."""
         if self._surface.holonomic:
             q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
         return self._relations.satisfied(point)
 
     def sample(self, point: SamplePoint) -> MotionSample | None:
-        """Return the motion at a nearby state that satisfies the laws, or None if there is none."""
+        """Return the motion at a nearby state on the constraints and first-order equations, or None."""
         with suppress(OutsideDomain):
             return self.motion(self.satisfied(point))
         return None
@@ -165,5 +166,5 @@ class MotionStates:
 
 
 def _without_noise(value: Any) -> Any:
-    """Return an entry of a state on the constraints; zero in place of a rounding error of zero."""
+    """Return an entry of a state, or zero if the entry is a rounding error of zero."""
     return 0.0 if abs(value) < ROUND_OFF else value

@@ -1,9 +1,9 @@
 """The single change of one term that makes a wrong equation right, found from its values along the true motion.
 
-Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by
-how much the sum has to change. A change that is the same small fraction of one term at all samples, or that fraction
-times few powers of symbols, names this term. The equations of motion, the constraints, the multipliers and the rates
-of rotations enter as numbers only, so all kinds of systems are treated alike.
+Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by how
+much the sum has to change. If that change is the same small fraction of one term at all samples, or the fraction times
+a few powers of symbols, this term is wrong. The equations of motion, the constraints, the multipliers and the rates of
+rotations enter as numbers only, so all kinds of systems are treated alike.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ and of one with a number."""
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum of an equation: its side (0 left, 1 right), the path of arguments to it, and its terms.
+    """A sum in an equation, `whole`: its side (0 left, 1 right), and the path of argument indices that leads to it.
 
-    `around` is the product of the factors around the sum; `below` is true in a denominator.
+    `around` is the product of the factors that multiply the sum; `below` is true in a denominator.
     """
 
     side: int
@@ -114,9 +114,9 @@ class Sum:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a sum that makes the equation right; `row` is the right equation.
+    """A change of a sum that makes the equation right. `row` is the equation after it; a lower `cost` is likelier.
 
-    `difference` is the change of a term of the sum, or of the whole sum.
+    `difference` is the change of one term of the sum, or of the whole sum.
     """
 
     place: Sum
@@ -133,10 +133,10 @@ class Change:
 def one_change(
     row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
 ) -> Change | None:
-    """Return the cheapest change of one term with which an equation holds at all samples, or None.
+    """Return the cheapest change of one term after which an equation holds at all samples, or None.
 
-    `models` are right terms, in plain symbols, of which a missing or a replaced term may be a multiple. `denominators`
-    are those of the accelerations.
+    `models` are terms of the right equations, in plain symbols: a missing or a replaced term may be a multiple of one.
+    `denominators` are the denominators of the accelerations.
     """
     if sum(side.count_ops() for side in row.sides) > LONGEST:
         return None
@@ -157,7 +157,7 @@ def one_change(
 
 
 def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers]:
-    """Return the values of expressions at the samples, with the motion and the multipliers there.
+    """Return the values of expressions at the samples, where accelerations and multipliers have their true values.
 
     Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
     """
@@ -177,7 +177,7 @@ def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequenc
 
 
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
-    """Return True if an equation is trivial, as x'' = x'', or lacks an acceleration that `row` has."""
+    """Return True if the equation `corrected` is trivial, as x'' = x'', or has no accelerations although `row` has."""
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
     slopes = corrected.numbers(sample)[0]
@@ -185,7 +185,7 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
 
 
 def _sums(side: int, expression: Any) -> Iterator[Sum]:
-    """Yield the sums of a side: the side itself, and those in its products, powers of -1 and brackets."""
+    """Yield the sums of a side: the side itself, and the sums in its products, reciprocals and brackets."""
     waiting = [Sum(side, (), expression)]
     while waiting:
         place = waiting.pop()
@@ -204,7 +204,7 @@ def _sums(side: int, expression: Any) -> Iterator[Sum]:
 
 
 def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
-    """Return an expression with a part replaced; the part is given by its path of arguments."""
+    """Return an expression with one part replaced; `path` are the argument indices that lead to the part."""
     if not path:
         return part
     first, *rest = path
@@ -244,11 +244,11 @@ class _Search:
         self.bases = self._bases(denominators)
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
-        """Return the values of expressions at the samples. Raises OutsideDomain if one has none."""
+        """Return the values of expressions at the samples. Raises OutsideDomain if an expression has no value."""
         return evaluated(expressions, self.row.statement, self.samples)
 
     def _bases(self, denominators: Sequence[Any]) -> list[Any]:
-        """Return the factors of all terms without their powers, those of typed terms first."""
+        """Return the factors of all terms without their powers, the factors of typed terms first."""
         typed = [term * place.around for place in self.places for term in place.terms]
         self.typed = {factor.as_base_exp()[0] for term in typed for factor in sympy.Mul.make_args(term)}
         every: dict[Any, None] = {}
@@ -270,7 +270,7 @@ class _Search:
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
-        """Products of powers as ((index of a base, exponent), ...), their centred logarithms, and their costs."""
+        """Products of powers of factors, as ((index, exponent), ...), with their centred logarithms and their costs."""
         values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]
         powers = [[(i, e)] for i in usable for e in (1, -1, 2, -2)]
@@ -285,7 +285,7 @@ class _Search:
         return keys, table, [self._price(key) for key in keys]
 
     def _price(self, key: Sequence[tuple[int, int]]) -> float:
-        """Return the cost of a product of powers, `key` being its (index of a base, exponent) pairs."""
+        """Return the cost of a product of powers, `key`, of pairs (index of a factor, exponent)."""
         bases = [self.bases[i] for i, _ in key]
         if len(key) == 2 and {e for _, e in key} == {1, -1}:
             kinds = {type(base) for base in bases}
@@ -297,7 +297,7 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * unlikely
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, number, product of powers) whose product has the given values at all samples."""
+        """Yield (cost, number, product of powers) if number times product has the given values at all samples."""
         if not all(values):
             return
         keys, table, prices = self.products
@@ -348,8 +348,8 @@ class _Search:
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
 
-        The residual is a fraction of two functions that are linear in the sum. Its values for the sum itself, twice and
-        three times the sum determine it.
+        As a function of the sum, the residual is a quotient of two linear functions. Its values for the sum itself,
+        twice and three times the sum determine it.
         """
         left, right = self.row.sides
         zeros = [left - right]
@@ -369,7 +369,10 @@ class _Search:
                 yield changed_sum, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for changes of a term, given the necessary `changes` of its value at the samples."""
+        """Yield (cost, difference) for changes of a term that change its value at the samples by `changes`.
+
+        `value` are the values of the term at the samples.
+        """
         if not all(value):
             return
         required = [a + b for a, b in zip(value, changes, strict=True)]
@@ -387,7 +390,7 @@ class _Search:
             yield cost + REPLACED - MISSED, Difference(WRONG, term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
-        """Yield (cost, term) for multiples of right terms whose values at the samples are `values`."""
+        """Yield (cost, term) for terms with these values at the samples; each is a multiple of a right term."""
         for model, line in self.model_values:
             if all(line):
                 for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
@@ -400,7 +403,7 @@ class _Search:
         return list(zip(self.models, self.values(self.models), strict=True))
 
     def _doubt(self, place: Sum, term: Any) -> float:
-        """Return the added cost of a change of `term`, by its place in the equation."""
+        """Return a cost that is added to a change of `term`, because of where the term stands in the equation."""
         if term in self.derived:
             return OF_DERIVATIVE
         if not term.has(*self.unknowns, *self.rates):
@@ -411,7 +414,7 @@ class _Search:
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, place: Sum, wanted: Any) -> float:
-        """Return the added cost of a missing term on the less likely side of the equation."""
+        """Return a cost that is added if the missing term `wanted` is less likely on this side of the equation."""
         if place.path:
             return 0.0
         here, there = self.row.sides[place.side], self.row.sides[1 - place.side]
@@ -428,9 +431,9 @@ class _Search:
         return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
 
     def is_numbered(self, row: EquationRow) -> bool:
-        """Return True if the accelerations of an equation are a multiple of those of a right one that is unlikely.
+        """Return True if an equation is an unlikely multiple of a right one, judged by its accelerations.
 
-        Likely is a product of symbols, without a number other than -1.
+        A multiple is likely if its factor is a product of symbols, without a number other than 1 or -1.
         """
         try:
             slopes = [row.numbers(sample)[0] for sample in self.samples]
@@ -449,7 +452,7 @@ class _Search:
         return False
 
     def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
-        """Return the equation after a change, or None if it is then not linear in the unknowns."""
+        """Return the equation after a change, or None if the result is not linear in the unknowns."""
         sides = list(self.row.sides)
         part = place.whole - difference.there + difference.wanted
         if difference.there == place.whole:
@@ -463,13 +466,13 @@ class _Search:
 
 
 def _sums_below(term: Any) -> set[Any]:
-    """Return the sums in the denominators of a product."""
+    """Return the sums that are factors in the denominator of a product."""
     powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
     return {power.base for power in powers if power.exp.is_negative}
 
 
 def _without_float(term: Any) -> Any:
-    """Return a term whose factor, if it is a decimal, is the nearest small fraction."""
+    """Return a term; if its numerical factor is a decimal, it is replaced by the nearest small fraction."""
     number, rest = term.as_coeff_Mul()
     if not number.is_Float:
         return term
@@ -478,7 +481,7 @@ def _without_float(term: Any) -> Any:
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:
-    """Return the zero x of (a + b*x)/(1 + d*x), given its values at 0, 1 and 2, or None if it has none."""
+    """Return the zero x of (a + b*x)/(1 + d*x), given its values at x = 0, 1 and 2; None if it has none."""
     if abs(third - second) <= NONE * (abs(third) + abs(second)):
         return None
     d = (2 * second - first - third) / (2 * (third - second))
@@ -494,7 +497,7 @@ def _centred(values: Numbers) -> Any:
 
 
 def _cost_of(number: Any) -> float:
-    """Return the cost of a constant factor."""
+    """Return the cost of a change by a constant factor."""
     if number == -1:
         return SIGN
     return DOUBLED if abs(number) in (2, sympy.S.Half) and number > 0 else FRACTION + len(str(number)) / 20

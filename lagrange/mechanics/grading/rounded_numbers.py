@@ -1,4 +1,4 @@
-"""Decimals of an equation that stand for exact numbers, such as 0.6667 for 2/3."""
+"""Decimals of an equation that are rounded from exact numbers, such as 0.6667 from 2/3."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(
     equation: StudentEquation, row: EquationRow, samples: Sequence[MotionSample]
 ) -> StudentEquation | None:
-    """Return an equation that holds at all samples with exact numbers for its decimals, or None if none does.
+    """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
     Its `note` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
-    enough digits: 0.667 stands for 2/3. A number that is cut off, such as 0.666, remains. For a product of decimals,
+    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. For a product of decimals,
     which SymPy multiplies, the relative error is that of the most precise one.
     """
     decimals_typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
@@ -74,23 +74,23 @@ Their digits, or those of their products, are not those of doubles.
 
 
 def _unit(number: Decimal) -> float:
-    """Return the size of one unit in the last digit of a number, relative to the number."""
+    """Return one unit in the last digit of a decimal, relative to the decimal."""
     return 10.0 ** int(number.as_tuple().exponent) / float(number) if number else 1.0
 
 
 def _text(value: Any, digits: int) -> str:
-    """Return a number as text: a fraction, or a decimal of `digits` digits.
+    """Return a number as a fraction, or as a decimal with `digits` digits.
 
-    It is a decimal if it is not a fraction, or one with many digits such as 981/100.
+    It is a decimal if it is not rational, or if its fraction is long, such as 981/100.
     """
     return str(value) if value.is_Rational and value.q not in (10, 100, 1000) else f"{float(value):.{digits + 3}g}"
 
 
 def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
-    """Return {decimal: exact number}: one step of Newton's method with as many samples as there are decimals.
+    """Return {decimal: exact number}, by one step of Newton's method with as many samples as there are decimals.
 
-    Exact decimals are left out. The last decimals stay as they are if the others determine the equation up to a factor.
-    Raises OutsideDomain if no number is determined.
+    Decimals that are exact are left out. If the equation determines them only up to a common factor, the last decimals
+    stay as they are. Raises OutsideDomain if no number is determined.
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}

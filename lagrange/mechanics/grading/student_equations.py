@@ -1,4 +1,4 @@
-"""Equations of motion that a user derived: read in the symbols of a statement, and split into linear coefficients."""
+"""Equations of motion that a user derived: they are read in the symbols of a statement and split into coefficients."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ ORDINALS = ("", "second", "third", "fourth", "fifth")
 class StudentEquation:
     """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages, and `place` is the index of the equation that was given, which may be one of several
-    sides a = b = c. `zero` is left side minus right side; `right` is the right side. `read` is the text of the equation
-    as it was understood. `differentiated` are the expressions whose time derivative was typed, and `letters` maps
-    multipliers to the letters that were typed for them. `others` are further readings of an ambiguous text. `note` is a
-    sentence on how an equation is right, as on decimals that were taken for exact numbers, or "". `aside` is true for a
-    remark, such as an equilibrium, which need not hold.
+    `label` names it in messages. `place` is the index of the equation in the answer; a chain a = b = c is one equation
+    in the answer and several here. `zero` is left side minus right side, and `right` is the right side. `read` is the
+    text of the equation as it was understood. `differentiated` are the expressions whose time derivative was typed.
+    `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
+    text. `note` is a sentence on why an equation counts as right, such as for rounded decimals, or "". `aside` is true
+    for a remark, such as on an equilibrium, which need not hold.
     """
 
     label: str
@@ -113,7 +113,10 @@ class _EquationReader:
         self.others = self.spellings | self._rates()
 
     def _rates(self) -> dict[str, str]:
-        """Return {spelling: name} for the rates w1 or omega_x of the only rotation, unless a symbol has the letter."""
+        """Return {spelling: name} for spellings such as w1 or omega_x of rates, if there is a single rotation.
+
+        Letters that are symbols of the system are left out.
+        """
         letters = [letter for letter in ("w", "omega", "Omega") if letter not in self.names]
         (rotation,) = self.statement.rotations if len(self.statement.rotations) == 1 else ("",)
         pairs = [pair for pair in (*zip("123", "xyz", strict=True), *zip("xyz", "xyz", strict=True)) if rotation]
@@ -121,9 +124,10 @@ class _EquationReader:
         return {spelling: name for spelling, name in spellings.items() if spelling not in self.names}
 
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
-        """Return a reader for a text, and {multiplier: symbol of the letter that the text has for it}.
+        """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        The force of the only constraint may have any letter that is the only unknown of the equations of motion.
+        If there is one constraint, its force may have any letter that is the only unknown of the equations of motion.
+        `what` is the label of the text in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [one for one in self.spellings if one in words]
@@ -140,7 +144,8 @@ class _EquationReader:
     def text(self, given: str) -> list[StudentEquation]:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
 
-        If the text cannot be read, it may be a document: then its formulas count, or those below "Equations of motion".
+        A text that cannot be read is tried as a document: first all its formulas, then its section "Equations of
+        motion".
         """
         try:
             return self._all(given)
@@ -151,7 +156,7 @@ class _EquationReader:
             raise
 
     def _all(self, given: str) -> list[StudentEquation]:
-        """Return the equations of a text. Raises StatementError if it has none, or cannot be read."""
+        """Return the equations of a text. Raises StatementError if there are none, or if the text cannot be read."""
         reader, letters = self.reader(given)
         equations = [typed for typed in reader.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:
@@ -169,9 +174,9 @@ class _EquationReader:
         return bool(sympy.expand(equation.readings[0].right - self.statement.kinetic.xreplace(self.plain)) == 0)
 
     def read(self, given: Any, what: str, place: int) -> list[StudentEquation]:
-        """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c has two.
+        """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c is two equations.
 
-        `what` is its label, and `place` its index.
+        `what` is its label, and `place` its index in the answer.
         """
         if isinstance(given, str):
             reader, letters = self.reader(given, what)
@@ -195,7 +200,7 @@ class _EquationReader:
             ) from None
 
     def unknown(self, name: str, what: str) -> str:
-        """Return the error message for an unknown name."""
+        """Return the error message for an unknown name in the equation with the label `what`."""
         return (
             f"{what} contains {name[:60]!r}, which this system does not have; its symbols are {listing(self.names)}."
             + suggestion(name, list(self.names))
@@ -205,7 +210,8 @@ class _EquationReader:
         """Return an expression in the plain symbols of the statement.
 
         Parameters are identified by their names. Raises StatementError, with the label `what`, for unknown symbols,
-        functions and multipliers, and for powers beyond those of texts: SymPy writes 2**(10**9) out.
+        functions and multipliers. Also raises it for powers beyond the limits for texts: SymPy would write 2**(10**9)
+        out.
         """
         for power in stated.atoms(sympy.Pow):
             if power.exp.is_Rational and abs(power.exp) > LARGEST_EXPONENT:
@@ -237,7 +243,11 @@ class _EquationReader:
 
 
 def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], place: int) -> StudentEquation:
-    """Return the first reading of a typed equation; `others` are its further readings."""
+    """Return the first reading of a typed equation; its `others` are the further readings.
+
+    `label` names the equation in messages, and `place` is its index in the answer. `letters` maps multipliers to the
+    letters that were typed for them.
+    """
     if typed.link:
         label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
     first, *others = (
@@ -260,7 +270,7 @@ def _given_name(leaf: Any) -> str:
 def abbreviations(statement: Statement) -> dict[Any, Any]:
     """Return {symbol: value in plain symbols} for the entries and rates of rotations, and for their derivatives.
 
-    An equation keeps these symbols, such as R_body_x and R_body_x_dot, so that its terms are those that were typed.
+    An equation keeps such symbols, R_body_x or R_body_x_dot, so that its terms are those that were typed.
     """
     turned = shorthands(statement.rotations)
     turned |= {f"{name}_dot": f.diff(t) for name, f in turned.items()}
@@ -283,8 +293,8 @@ class EquationRow:
     """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
 
     The unknowns are accelerations and multipliers. `sides` are the left and the right side as they were typed, with
-    symbols for the rates of rotations; terms of the right one have the opposite sign in `zero`. `differentiated` are
-    the expressions whose time derivative was typed.
+    symbols for the rates of rotations. `zero` is left minus right side. `differentiated` are the expressions whose time
+    derivative was typed.
     """
 
     statement: Statement
@@ -306,7 +316,7 @@ class EquationRow:
 
     @property
     def _parts(self) -> tuple[Any, ...]:
-        """Terms of an equation without unknowns, such as a constraint, as a scale for rounding; empty otherwise."""
+        """Terms of an equation without unknowns, such as a constraint. Rounding is relative to them. Else empty."""
         return () if any(self.slopes.values()) else sympy.Add.make_args(self.rest)
 
     @property
@@ -315,19 +325,19 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value at it."""
+        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
-        """Return the values of the coefficients and of the rest at a sample. Raises OutsideDomain if one has none."""
+        """Return the coefficients and the rest at a sample, as numbers. Raises OutsideDomain if one has no value."""
         values = values_at(self._tape, sample)
         return values[: len(self.slopes)], values[len(self.slopes)]
 
     def leading(self, sample: MotionSample) -> list[Any]:
-        """Return the values of the coefficients of accelerations and multipliers at a sample.
+        """Return the coefficients of accelerations and multipliers at a sample, as numbers.
 
-        For an equation without them they are those of its first or second time derivative. Raises OutsideDomain if one
-        has no value.
+        For an equation without accelerations and multipliers they are the coefficients of its first or second time
+        derivative. Raises OutsideDomain if one has no value.
         """
         if any(self.slopes.values()):
             return self.numbers(sample)[0]
@@ -337,7 +347,7 @@ class EquationRow:
         return [*slopes, *[0] * len(sample.multipliers)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
-        """Return the residual of the equation for the true motion at a sample, and the magnitude of its terms."""
+        """Return left minus right side for the true motion at a sample, and the magnitude of the terms in it."""
         values, count = values_at(self._tape, sample), len(self.slopes)
         slopes, rest, parts = values[:count], values[count], values[count + 1 :]
         solved = [*sample.accelerations, *sample.multipliers]
@@ -347,7 +357,10 @@ class EquationRow:
         return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + floor
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
-        """Return True if the true motion satisfies the equation at all samples where it has a value, at least one."""
+        """Return True if the true motion satisfies the equation at every sample at which the equation has a value.
+
+        False if there is no such sample.
+        """
         residuals = []
         for sample in samples:
             try:
@@ -374,7 +387,7 @@ _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, s
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation by its linear coefficients.
+    """Return an equation as a row of linear coefficients.
 
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
@@ -405,7 +418,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
-    """Return a program that evaluates expressions in plain symbols.
+    """Return a program that computes expressions in plain symbols, in multiple precision.
 
     Raises OutsideDomain if a constant in them has no value.
     """
@@ -414,6 +427,6 @@ def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
 
 
 def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:
-    """Return the values of the expressions of a program at a sample. Raises OutsideDomain if one has none."""
+    """Return the values of a program's expressions at a sample. Raises OutsideDomain if an expression has none."""
     point, number = sample.point, expressions.context.mpf
     return expressions(point.q, point.v, point.t, {p: number(x) for p, x in point.parameters.items()})

@@ -1,4 +1,4 @@
-"""Difference of a coefficient of an equation from the right one: a sign, a factor, an extra or a missing term."""
+"""Difference between a typed term and the right one: a sign, a factor, an extra or a missing term."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MISSING, EXTRA, SCALED, WRONG = range(4)
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a coefficient: `there` is the part that was typed, `wanted` the right expression for this part.
+    """Difference of a term: `there` is the expression that was typed, `wanted` the right one in its place.
 
     `kind` is MISSING, EXTRA, SCALED or WRONG. If it is SCALED, `there` is the constant `ratio` times `wanted`.
     """
@@ -50,7 +50,7 @@ class Difference:
     def told(self, product: Any, sign: int, write: Write) -> str:
         """Return the end of a sentence on the difference.
 
-        Both parts are multiplied by `product` and by `sign` first.
+        Both expressions are first multiplied by `product` and by `sign`. `write` turns an expression into text.
         """
         there, wanted = (sign * part * product for part in (self.there, self.wanted))
         if self.kind == MISSING:
@@ -73,7 +73,7 @@ def _kind(expression: Any) -> str:
 def summands(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after products of sums are expanded; powers and denominators are unchanged.
 
-    An expression with more than MOST_TERMS is its only term.
+    An expression with more than MOST_TERMS terms is returned whole, as a single term.
     """
     terms: list[Any] = []
     waiting = [*reversed(sympy.Add.make_args(expression))]
@@ -90,16 +90,16 @@ def summands(expression: Any) -> tuple[Any, ...]:
 
 
 def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
-    """Yield the terms of the expanded product of `sums` and the factors `rest`, at most MOST_TERMS + 1 of them."""
+    """Yield the terms of the expanded product of the sums `sums` and the factors `rest`, at most MOST_TERMS + 1."""
     for choice in islice(every_choice(*(total.args for total in sums)), MOST_TERMS + 1):
         yield sympy.Mul(*rest, *choice)
 
 
 def expanded(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after full expansion, powers and denominators included.
+    """Return the terms of an expression after full expansion, also of powers and denominators.
 
-    An expression with a large power of a sum, or with too many terms, is its only term. Raises BudgetSpent if the time
-    is up.
+    An expression with a large power of a sum, or with too many terms, is returned whole, as a single term. Raises
+    BudgetSpent if the time is up.
     """
     check_budget()
     powers = (power for power in expression.atoms(sympy.Pow) if power.base.is_Add)
@@ -110,7 +110,7 @@ def expanded(expression: Any) -> tuple[Any, ...]:
 
 
 def _without_sums(expression: Any) -> Any:
-    """Return an expression with sines and cosines of sums expanded; the expression itself if a multiple is too large.
+    """Return an expression with sines and cosines of sums expanded; unchanged if a multiple angle is too large.
 
     The sine of n times an angle becomes a polynomial of degree n.
     """

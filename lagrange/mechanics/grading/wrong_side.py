@@ -1,4 +1,4 @@
-"""Wrong parts of an equation that are more than a term: a denominator, the factor of a side, a typed momentum."""
+"""Wrong parts of an equation that are not terms: a denominator, the factor of a side, a momentum under d/dt."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ def rate_symbols(statement: Statement) -> dict[Any, Any]:
 
 @lru_cache(maxsize=1)
 def right_terms(derivation: Derivation) -> list[Any]:
-    """Return the terms of the equations of motion, the constraints, their rates and the masses, in plain symbols.
+    """Return the terms of the right equations, in plain symbols.
 
-    Rates of rotations stay symbols. Terms of equations that are too large to write out are omitted.
+    They are the equations of motion, the constraints, the time derivatives of the constraints, and the masses. Rates of
+    rotations stay symbols. Equations that are too large to write out are omitted.
     """
     statement = derivation.statement
     rates = rate_symbols(statement)
@@ -58,13 +59,13 @@ def right_terms(derivation: Derivation) -> list[Any]:
 
 
 def _sharing(terms: Sequence[Any], parameter: Any) -> Any:
-    """Return the sum of all terms with one parameter, such as a spring's stiffness, as a product with a sum."""
+    """Return the sum of all terms that contain one parameter, such as a spring's stiffness, in factored form."""
     return sympy.factor_terms(sympy.Add(*(term for term in terms if term.has(parameter))))
 
 
 @lru_cache(maxsize=1)
 def right_denominators(derivation: Derivation) -> list[Any]:
-    """Return the denominators of the accelerations, in plain symbols, unless they are too large to write out."""
+    """Return the denominators of the accelerations, in plain symbols, except those too large to write out."""
     statement = derivation.statement
     if statement.constraints or statement.rotations:
         return []
@@ -76,7 +77,7 @@ def right_denominators(derivation: Derivation) -> list[Any]:
 
 
 def told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
-    """Return a sentence on the only wrong term of an equation, with its signs as they were typed."""
+    """Return a sentence on the only wrong term of an equation, with its sign as it was typed."""
     place, difference = change.place, change.difference
     start = place_of(_meant(change.row, sample), row)
     if place.below:
@@ -100,7 +101,7 @@ def told_change(change: Change, row: EquationRow, sample: MotionSample, write: W
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
-    """Return the name that a right equation belongs to: its coordinate, its coordinates, or its constraint."""
+    """Return the name of the equation of motion that a right equation is: its coordinate, coordinates or constraint."""
     names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
     still = not any(row.slopes.values()) and not sample.first_order
     slopes = row.leading(sample)
@@ -122,7 +123,7 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 
 
 def place_of(name: str, row: EquationRow) -> str:
-    """Return the beginning of a sentence about an equation: the name of its coordinate, unless the label has it."""
+    """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
     return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
 
 
@@ -144,7 +145,7 @@ LONGEST_FACTOR = 12
 
 
 def _told_factor(factor: Any, write: Write) -> str:
-    """Return the end of a sentence on a side that is the right side times a factor."""
+    """Return the end of a sentence on a side of an equation that differs from the right one by a factor."""
     if factor == -1:
         return "has the wrong sign: it is -1 times what it should be."
     above, below = sympy.fraction(factor)
@@ -156,7 +157,7 @@ def _told_factor(factor: Any, write: Write) -> str:
 
 
 def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if the equation is wrong only in an expression under a typed d/dt; else ""."""
+    """Return a sentence if only an expression under a typed d/dt is wrong; else ""."""
     for typed in dict.fromkeys(row.differentiated):
         check_budget()
         for name, expected in _momenta(derivation, typed):
@@ -170,7 +171,7 @@ def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[M
 
 
 def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (name of a coordinate, its momentum times a constant) for momenta that a typed expression may mean."""
+    """Yield (coordinate's name, constant times its momentum) for momenta that a `typed` expression may mean."""
     statement = derivation.statement
     try:
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]

@@ -1,4 +1,4 @@
-"""Name the wrong term of an equation of motion in a sentence, or the common slip (a sign, degrees) that explains it."""
+"""The wrong term of an equation of motion, named in a sentence, or a common slip (a sign, degrees) that explains it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,10 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[Moti
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
-    """Return a sentence if the equations are those linearised about the zero of all coordinates, else ""."""
+    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
+
+    `zeros` are the equations as expressions that are zero.
+    """
     moving = set(statement.plain.values())
     if any(part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)):
         return ""
@@ -99,7 +102,7 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
     """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
 
     Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
-    contain it. Coefficients of drag and friction have no direction, unlike a magnetic field, whose forces do no work.
+    contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do no work, has one.
     """
     if statement.kinetic.has(parameter):
         return False
@@ -157,9 +160,9 @@ MOST_MATCHED = 60
 
 @dataclass(frozen=True)
 class WrongTerm:
-    """Sentence on the error of an equation. `alone` is true if exactly one term of the equation differs.
+    """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
 
-    `cost` is that of the change of this term, infinite for several.
+    `cost` is the cost of the change of this term, infinite if several are wrong.
     """
 
     sentence: str
@@ -202,7 +205,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
 def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
 
-    The terms are matched with those of each right equation times a factor with which one of them agrees.
+    The terms are compared with those of each right equation, multiplied by a factor for which at least one term agrees.
     """
     typed = [(k, term) for k in (0, 1) for term in summands(row.sides[k]) if term != 0]
     best: tuple[int, float] = (0, 0.0)
@@ -231,7 +234,7 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, left - right) of the equations of motion, or of those that are solved."""
+    """Return (coordinate name, left - right side) of the equations of motion, solved for accelerations if `row` is."""
     statement, rates = derivation.statement, rate_symbols(derivation.statement)
     rows: list[tuple[str, Any]] = []
     with suppress(StatementError):
@@ -246,7 +249,7 @@ def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any
 
 
 def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
-    """Return the indices of the values that are not in the other list."""
+    """Return the indices of the entries of `left` that are not in `right`, and of those of `right` not in `left`."""
     kept, open_right = [], list(range(len(right)))
     for i, values in enumerate(left):
         match = next((j for j in open_right if same(values, right[j])), None)
@@ -258,7 +261,10 @@ def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[
 
 
 def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
-    """Return a sentence on the first typed term that is wrong, with the most similar right term that is lacking."""
+    """Return a sentence on the first wrong term, with the right term in `lacking` that resembles it most.
+
+    `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
+    """
     if not typed:
         return f"{place_of(name, row)} {Difference(MISSING, sympy.S.Zero, lacking[0]).told(sympy.S.One, 1, write)}"
     side, term = typed[0]
