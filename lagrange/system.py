@@ -76,13 +76,13 @@ class System:
     ) -> None:
         """State a system.
 
-        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default those of the expressions, in order
-        of declaration. `forces` maps a coordinate to its generalized force. `dissipation` is Rayleigh's D, with force
-        -dD/dv. `constraints` are expressions that stay zero, or Eq, in a list or by name, holonomic without velocities.
-        With `redundant="allow"` some may follow from others; they share their forces. `parameters` maps symbols or
-        names to default values. `initial` maps coordinates and velocities to numbers, 0 by default. `positions` names
-        points (x, y) or (x, y, z) and shapes to draw. `links` are pairs of these names, or triples, ("origin", "bob",
-        "spring"). `surfaces` names lines to draw, such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
+        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default all in the expressions, in order
+        of declaration. `forces` maps coordinates to generalized forces. `dissipation` is Rayleigh's D, with force
+        -dD/dv. `constraints`, a list or a dict by name, are expressions that stay zero, or Eq; those without velocities
+        are holonomic. With `redundant="allow"` some may follow from others and share forces. `parameters` maps symbols
+        or names to default values, `initial` coordinates and velocities to numbers, 0 by default. `positions` maps
+        names to points (x, y) or (x, y, z) and shapes. `links` are pairs of these names, or triples ("origin", "bob",
+        "spring"). `surfaces` maps names to lines such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
         names to `lagrange.contact(gap, ...)`. `simultaneous`, "newton" or "sequence", is the law of joint impacts.
         """
@@ -203,17 +203,17 @@ class System:
 
     @property
     def kinetic(self) -> Any:
-        """T, with like terms merged; all of L where a Lagrangian was stated alone."""
+        """Kinetic energy T, with like terms merged; all of L if only a Lagrangian was stated."""
         return self._derivation.kinetic
 
     @property
     def potential(self) -> Any:
-        """V, with like terms merged; 0 where a Lagrangian was stated alone."""
+        """Potential energy V, with like terms merged; 0 if only a Lagrangian was stated."""
         return self._derivation.potential
 
     @property
     def lagrangian(self) -> Any:
-        """L = T - V, with like terms merged."""
+        """Lagrangian L = T - V, with like terms merged."""
         return self._derivation.lagrangian
 
     @property
@@ -230,7 +230,7 @@ class System:
 
     @property
     def energy(self) -> Any:
-        """Energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
+        """Energy v.p - L (the Jacobi integral). It is T + V if T is quadratic in the velocities."""
         return self._derivation.energy
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
@@ -573,7 +573,7 @@ class System:
 
     @property
     def _known(self) -> Statement:
-        """The statement with values for its given functions. Raises StatementError where one has no values."""
+        """The statement with values for its given functions. Raises StatementError if one has no values."""
         require_values(self.statement)
         return known_statement(self.statement)
 
@@ -589,7 +589,7 @@ def _from_text(text: str) -> System:
 
 
 def _reached(*given: Any) -> list[Any]:
-    """Return the nearest states on the constraints, without those whose projection fails."""
+    """Return `compiler.reached(*given)`: the nearest states on the constraints, without failed projections."""
     from lagrange.compiler import reached
 
     return reached(*given)

@@ -474,7 +474,7 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
-    """Return lines (label, text) of a run's summary: the largest drift of each momentum, and how many are omitted."""
+    """Return lines (label, text) of a run's card: the largest drift of each momentum, and how many are omitted."""
     lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
     left = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

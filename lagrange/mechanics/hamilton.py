@@ -41,7 +41,7 @@ LARGEST_COUPLED_BLOCK = 4
 
 @dataclass(frozen=True)
 class Legendre:
-    """Result of the Legendre transform, in plain symbols: momenta, and velocities and H as functions of them."""
+    """Result of the Legendre transform, in plain symbols: momenta, and velocities and H as functions of the momenta."""
 
     symbols: tuple[Any, ...]
     velocities: tuple[Any, ...]
@@ -49,7 +49,7 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform. Raises StatementError if the momenta do not determine the velocities."""
+    """Return the Legendre transform; `symbols` are the momenta. Raises StatementError if velocities do not follow."""
     mass = form.mass
     blocks = coupled_blocks([[entry != 0 for entry in row] for row in mass.tolist()])
     solve = _solved if mass.has(*form.v) else _inverted
@@ -71,7 +71,10 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return adjugate and determinant of a block of the mass matrix. Raises StatementError if it is singular."""
+    """Return adjugate and determinant of a block of the mass matrix, for coordinates with the indices `block`.
+
+    Raises StatementError if the block is singular.
+    """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
         raise StatementError(
@@ -86,7 +89,10 @@ def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
 
 
 def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of a block of inertia without velocities in it, and (p - b) M^-1 (p - b)/2."""
+    """Return the velocities of the coordinates `block` from the momenta `symbols`, and (p - b) M^-1 (p - b)/2.
+
+    The inertia M of the block must not depend on its velocities; b are the momenta at zero velocities.
+    """
     adjugate, determinant = inverse(form, block)
     still = dict.fromkeys(form.v, sympy.S.Zero)
     column = sympy.Matrix([symbols[i] - form.momenta[i].xreplace(still) for i in block])
@@ -97,8 +103,8 @@ def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> 
 def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
     """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, in its shortest form.
 
-    It is over one denominator, or a sum of squares where that is shorter, as for a top. `inverted` are the adjugate and
-    the determinant of M.
+    The form is one fraction, or a sum of squares if that is shorter, as for a top. `inverted` are the adjugate and the
+    determinant of M.
     """
     adjugate, determinant = inverted
     above, below = sympy.fraction(simplest((column.T * adjugate * column)[0] / (2 * determinant)))
@@ -107,7 +113,7 @@ def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
 
 
 def _squares(mass: Any, column: list[Any]) -> list[Any]:
-    """Return the terms w^2/(2 d) of c M^-1 c/2, with pivots d taken in order of their length; none without pivots."""
+    """Return the terms w^2/(2 d) of c M^-1 c/2, for a `column` c; [] if a pivot d is zero. Short pivots come first."""
     n = len(column)
     k = min(range(n), key=lambda i: (mass[i, i] == 0, size(mass[i, i])))
     pivot, rest = mass[k, k], [i for i in range(n) if i != k]
@@ -124,7 +130,7 @@ def _squares(mass: Any, column: list[Any]) -> list[Any]:
 
 
 def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
-    """Return the error message for momenta that do not determine the velocities."""
+    """Return the error message for momenta of the coordinates `block` that do not determine the velocities."""
     names = [form.statement.names[i] for i in block]
     if len(block) == 1:
         reason = f"d2L/d{names[0]}_dot2 = 0, so that {names[0]}_dot does not follow from its momentum"
@@ -140,9 +146,9 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 
 
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of a block whose inertia depends on them, and H, or None if H is not known yet.
+    """Return the velocities of coordinates `block` whose inertia depends on them, and H, or None if H is not known yet.
 
-    Of several branches, the result is the one that reproduces the velocities of random states.
+    `symbols` are the momenta. Of several solutions, the result is the one that reproduces velocities of random states.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:
@@ -161,9 +167,10 @@ def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tu
 
 
 def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> list[tuple[list[Any], Any]]:
-    """Return velocities and H where L = F(u) + b.v with u = c + v B v, as for a relativistic particle in a field.
+    """Return solutions (velocities, H) for L = F(u) + b.v with u = c + v B v, as for a relativistic particle.
 
-    Then p - b = 2 F'(u) B v, and 4 F'(u)^2 (u - c) = (p - b) B^-1 (p - b) is solved for u.
+    Then p - b = 2 F'(u) B v, and 4 F'(u)^2 (u - c) = (p - b) B^-1 (p - b) is solved for u. The list is empty for
+    another L.
     """
     v = [form.v[i] for i in block]
     u = sympy.Symbol("u", positive=True)
@@ -193,7 +200,7 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
 
 
 def _with_roots_together(given: Any) -> Any:
-    """Return a sum with its terms that have roots over one denominator."""
+    """Return a sum whose terms with roots are put over one denominator."""
     rooted: list[Any] = []
     rest: list[Any] = []
     for term in sympy.Add.make_args(sympy.expand(given)):
@@ -204,7 +211,7 @@ def _with_roots_together(given: Any) -> Any:
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], found: Sequence[Any]) -> bool:
-    """Return True if the formulas reproduce the velocities from their momenta, at a few random states."""
+    """Return True if the formulas `found` reproduce the velocities from their momenta, at a few random states."""
 
     def reproduced(point: SamplePoint) -> bool | None:
         values = form.at(point)
@@ -226,9 +233,10 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], f
 class Hamiltonian(ShownAsPage):
     """The Hamiltonian H(q, p, t) of a system in SymPy, with brackets and Hamilton's equations.
 
-    `momenta` maps each coordinate to its momentum p_q, a function of time; `velocities` maps it to dq/dt as a function
-    of coordinates and momenta. `forces` are those that no potential has, Q - dD/dv, in the same. `statement` states the
-    system of coordinates and momenta, by the Lagrangian p.dq/dt - H; `made` makes a System of it.
+    `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps it to dq/dt as a function
+    of coordinates and momenta. `forces` are the forces without a potential, Q - dD/dv, as functions of the same.
+    `statement` states the system of coordinates and momenta, by the Lagrangian p.dq/dt - H. `made` returns the System
+    of a statement.
     """
 
     expression: Any
@@ -266,7 +274,7 @@ class Hamiltonian(ShownAsPage):
 
     @cached_property
     def system(self) -> Any:
-        """The System of coordinates and momenta, of first order: it runs as the one with velocities does."""
+        """The System of coordinates and momenta, of first order. Its runs agree with those of the original system."""
         return self.made(self.statement)
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
@@ -275,7 +283,7 @@ class Hamiltonian(ShownAsPage):
         return model
 
     def run(self, *given: Any, **options: Any) -> Any:
-        """Run Hamilton's equations as `System.run` does; rows are found by coordinate and by momentum."""
+        """Run Hamilton's equations as `System.run` does; the solution has rows for coordinates and momenta."""
         return self.system.run(*given, **options)
 
     @cached_property
@@ -283,7 +291,7 @@ class Hamiltonian(ShownAsPage):
         return PlainForm(self.statement)
 
     def _slope(self, leaf: Any) -> Any:
-        """Return the derivative of H by a coordinate or a momentum."""
+        """Return the derivative of H by `leaf`, a coordinate or a momentum."""
         form = self._form
         return form.written(simplest(form.read(self.expression).diff(form.plain[leaf])))
 
@@ -302,9 +310,9 @@ class Hamiltonian(ShownAsPage):
 
 
 def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form of a statement, tested against its model; `made` makes a System of a statement.
+    """Return Hamilton's form of a statement, tested against its compiled `model`; `made` returns a statement's System.
 
-    Raises StatementError for constraints, and where momenta do not determine the velocities.
+    Raises StatementError for constraints, and if the momenta do not determine the velocities.
     """
     if statement.constraints:
         raise StatementError(
@@ -335,7 +343,7 @@ def _momenta(statement: Statement) -> list[Any]:
 
 
 def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return the `Hamiltonian`. Its statement in coordinates and momenta can be compiled."""
+    """Return the `Hamiltonian` with a statement in coordinates and momenta; `found` is the Legendre transform."""
     statement = form.statement
     back = dict(zip(found.symbols, momenta, strict=True))
     in_momenta = dict(zip(form.v, found.velocities, strict=True))
@@ -375,7 +383,7 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
 
 
 def _initial(form: PlainForm, momenta: list[Any]) -> dict[Any, float]:
-    """Return the initial coordinates, and the momenta where all parameters have values."""
+    """Return the initial coordinates, and the initial momenta if all parameters have values."""
     coordinates = form.statement.coordinates
     start = dict(zip(coordinates, form.statement.initial[: len(coordinates)], strict=True))
     pairs = zip(momenta, form.initial_momenta, strict=True)

@@ -1,13 +1,12 @@
 """Equations of motion linearised about a point, and verified against the compiled model.
 
-On constraints they are expanded in independent coordinates and velocities.
-The residual is r(q, v, a) - G^T lambda, the velocity constraints are psi(q, v) = 0 (a holonomic one differentiated),
-G = dpsi/dv and P = dpsi/dq. Changes of positions are dq = B z, with B in the null space of the gradients of the
-holonomic constraints. Changes of velocities are dv = N u + L z, with G N = 0 and G L = -P B. In the rows of independent
-coordinates B and N have the rows of a unit matrix, and L zeros; the rows of dv give z'. The rate of dv along the motion
-is the change of the accelerations. N^T times the change of the residual is free of changes of lambda.
-Source: A. L. Schwab, J. P. Meijaard, Dynamics of flexible multibody systems with non-holonomic constraints, Multibody
-System Dynamics 10, 2003.
+With constraints the equations are expanded in independent coordinates and velocities. The residual is r(q, v, a) - G^T
+lambda, the velocity constraints are psi(q, v) = 0 (a holonomic one differentiated), G = dpsi/dv and P = dpsi/dq.
+Changes of positions are dq = B z, with B in the null space of the gradients of the holonomic constraints. Changes of
+velocities are dv = N u + L z, with G N = 0 and G L = -P B. In the rows of independent coordinates B and N have the rows
+of a unit matrix, and L zeros; the rows of dv give z'. The rate of dv along the motion is the change of the
+accelerations. N^T times the change of the residual is free of changes of lambda. Source: A. L. Schwab, J. P. Meijaard,
+Dynamics of flexible multibody systems with non-holonomic constraints, Multibody System Dynamics 10, 2003.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ class Linearization(ShownAsPage):
 
     @property
     def first_order(self) -> bool:
-        """True for states of first order, without inertia: then C x' + K x = (input matrix) u."""
+        """True if the coordinates have no inertia: the equations are then C x' + K x = (input matrix) u."""
         return bool(self.M.is_zero_matrix) and not self.C.is_zero_matrix
 
     @cached_property
@@ -93,7 +92,7 @@ class Linearization(ShownAsPage):
 
     @property
     def decimal(self) -> bool:
-        """True if the matrices contain decimals. They then hold only for the present values of the parameters."""
+        """True if the matrices contain decimals, which are valid only for the present values of the parameters."""
         return any(x.has(sympy.Float) for x in (*self.M, *self.C, *self.K))
 
     @property
@@ -107,7 +106,7 @@ class Linearization(ShownAsPage):
         return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
 
     def of_moving(self) -> Linearization | None:
-        """Return the equations in `velocity_coordinates` alone, or None if they depend on other coordinates."""
+        """Return the equations of `velocity_coordinates` alone, or None if they depend on other coordinates."""
         kept = [k for k, q in enumerate(self.coordinates) if q in self.velocity_coordinates]
         others = [k for k in range(self.K.cols) if k not in kept]
         rows = list(range(self.K.rows))
@@ -157,7 +156,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 
 def linearized_at(point: StatedPoint) -> Linearization:
-    """Return the linearization about a point. Raises StatementError if the forces or their slopes have no value there.
+    """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there.
 
     `System.linearize` describes the arguments.
     """
@@ -188,7 +187,7 @@ def linearized_at(point: StatedPoint) -> Linearization:
 
 
 def _at(point: StatedPoint) -> Mapping[Any, Any]:
-    """Return the point in the user's symbols: coordinates, non-zero velocities, and inputs."""
+    """Return the point as {leaf: value} in the user's symbols: coordinates, non-zero velocities, and inputs."""
     statement = point.form.statement
     places = dict(zip(statement.coordinates, point.q, strict=True))
     speeds = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
@@ -198,8 +197,8 @@ def _at(point: StatedPoint) -> Mapping[Any, Any]:
 def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
     """Return a sentence on the expansion point: an equilibrium, a steady motion, or neither.
 
-    `left` are the unbalanced forces along the coordinates `names`. `balanced` is true if they are zero, `steady` if the
-    point is at rest or in a steady motion.
+    `left` are the unbalanced forces along the coordinates `names`. `balanced` is true if these forces are zero,
+    `steady` if the point is at rest or in a steady motion.
     """
     form = point.form
     if balanced and steady:
@@ -242,15 +241,15 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _values(point: StatedPoint, sample: SamplePoint) -> dict[Any, Any]:
-    """Return exact values of the parameters, the inputs and the time in a sample."""
+    """Return exact values, by symbol, of the parameters, the inputs and the time of a sample."""
     numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
     return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the lower half of A twice, flattened: from the compiled model, and from the matrices.
+    """Return the lower half of A twice, flattened: from the compiled model, and from the linearization.
 
-    If a column of B differs, return both versions of that column instead. NaN if the matrices have no values.
+    If a column of B differs, both versions of that column are returned instead. Matrices without values give NaN.
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -295,10 +294,11 @@ Rows = Sequence[Sequence[Node]]
 
 @dataclass(frozen=True)
 class ConstrainedEquations:
-    """M u' + C u + K z = (input matrix) u_input and z' = the rows `places` of N u + L z, SymPy matrices.
+    """Linear equations M u' + C u + K z = (input matrix) u_input, and z' = the rows `places` of N u + L z.
 
-    `basis` is B, `velocity_basis` N and `velocity_slope` L. `places` are the indices of the independent coordinates,
-    `speeds` those of the coordinates with independent velocities, along which the forces `left` are not balanced.
+    `basis` is B, `velocity_basis` N and `velocity_slope` L, as in the module's description. `places` are the indices of
+    the independent coordinates, `speeds` of the coordinates with independent velocities. `left` are the unbalanced
+    forces along the latter.
     """
 
     M: Any
@@ -319,17 +319,17 @@ class ConstrainedEquations:
 
 
 class Shortened:
-    """Matrices of a system with n coordinates, whose entries a `shortener` keeps short."""
+    """Base of matrix computations for n coordinates, in which a `shortener` keeps entries short."""
 
     n: int
     shortener: Shortener
 
     def short(self, given: Any) -> Any:
-        """Return an expression in a short form, 0 where it vanishes."""
+        """Return an expression in a short form; 0 if it vanishes."""
         return self.shortener.short(given)
 
     def product(self, *factors: Any) -> Any:
-        """Return the product of matrices, its entries in a short form."""
+        """Return the product of matrices, with entries in a short form."""
         result = factors[0]
         for factor in factors[1:]:
             result = (result * factor).applyfunc(self.short)
@@ -337,7 +337,7 @@ class Shortened:
 
 
 class AtPoint(Shortened):
-    """Evaluates expressions and graph nodes of a system at the expansion point."""
+    """Values of expressions and graph nodes of a system at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
@@ -354,7 +354,7 @@ class AtPoint(Shortened):
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
-        """Return nodes as a matrix of expressions in parameters."""
+        """Return rows of graph nodes as a matrix of expressions in parameters."""
         try:
             nodes = substitute([x for row in rows for x in row], self.here)
         except StatementError:  # a pole at the point
@@ -370,7 +370,7 @@ class AtPoint(Shortened):
         return self.short(found)
 
     def no_value(self) -> StatementError:
-        """Return the error for a point at which a force, a constraint or a derivative of them has no value."""
+        """Return the error for a point at which a force, a constraint or one of their derivatives has no value."""
         what = "forces or constraints" if self.statement.constraints else "forces"
         return StatementError(
             f"the {what} of {self.statement.name}, or their derivatives, have no value at {self.point.where}: choose "
@@ -378,7 +378,7 @@ class AtPoint(Shortened):
         )
 
     def slopes(self, nodes: Iterable[Node], symbols: Sequence[Node]) -> list[list[Node]]:
-        """Return the derivatives of nodes by symbols, a row for each node."""
+        """Return the derivatives of nodes by symbols, one row for each node."""
         listed = list(nodes)
         columns = [tangents(listed, {x: self.equations.graph.one}) for x in symbols]
         return [[column(node) for column in columns] for node in listed]
@@ -396,7 +396,7 @@ class AtPoint(Shortened):
 
 
 class DependentCoordinates:
-    """The m independent rows G of constraint gradients at a point, solved for m dependent coordinates."""
+    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates to solve for."""
 
     def __init__(self, here: Shortened, gradient: Any) -> None:
         self.here = here
@@ -406,7 +406,7 @@ class DependentCoordinates:
 
     @cached_property
     def inverse(self) -> Any:
-        """The inverse of G in the dependent columns, eliminated with the shortest pivot of each column."""
+        """The inverse of the columns of G for dependent coordinates, by elimination with short pivots."""
         m = len(self.kept)
         columns = self.gradient.extract(list(range(m)), self.dependent)
         return self.here.shortener.solved(columns, sympy.eye(m))
@@ -432,7 +432,7 @@ class DependentCoordinates:
 
 
 def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
-    """Return the independent rows of a matrix, and columns in which they are regular, the leftmost such columns."""
+    """Return indices of independent rows of a matrix, and of the leftmost columns in which these rows are regular."""
     symbols = sorted(gradient.free_symbols, key=str)
     left = numeric(gradient, {s: sympy.Rational(13 + 7 * k, 10 + k) for k, s in enumerate(symbols)})
     rows: list[int] = []
@@ -453,7 +453,7 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
 def expansion(point: StatedPoint) -> ConstrainedEquations:
     """Return the equations of small changes about a point.
 
-    Raises StatementError for a point off the constraints, and where these are dependent or leave no motion.
+    Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
     """
     statement = point.form.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -508,9 +508,9 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
 class TangentMotion:
     """Small motions on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    `speeds` and `places` choose the dependent coordinates, from G and from the gradients of holonomic constraints. `P`
-    has the derivatives of constraints on velocities by coordinates. `rates` are the time derivatives of G, of P and of
-    the gradients of holonomic constraints.
+    `speeds` and `places` choose the dependent velocities, from G, and the dependent coordinates, from the gradients of
+    holonomic constraints. `P` has the derivatives of constraints on velocities by coordinates. `rates` are the time
+    derivatives of G, of P and of the gradients of holonomic constraints.
     """
 
     def __init__(
@@ -525,7 +525,7 @@ class TangentMotion:
         self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
 
     def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
-        """Return C and K in z and u, from the mass, damping and stiffness of all coordinates."""
+        """Return C and K for u and z, from the mass, damping and stiffness matrices of all coordinates."""
         product, L = self.product, self.L
         C = product(mass, self.turned) + product(damping, self.N)
         K = product(mass, self.bent) + product(damping, L) + product(stiffness, self.B)
@@ -553,7 +553,7 @@ def _check(here: AtPoint) -> None:
 
 
 def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
-    """Return the accelerations of independent velocities that unbalanced forces `left` cause."""
+    """Return the accelerations of independent velocities that the unbalanced forces `left` cause."""
     if left.is_zero_matrix or (here.point.decimal and all(here.point.is_zero(x, ()) for x in left)):
         return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):
@@ -575,7 +575,7 @@ def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
 
 
 def _residuals(here: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
-    """Return M a - h - G^T lambda; accelerations that are zero are left out."""
+    """Return M a - h - G^T lambda, where h are the forces and `gradient` is G. Zero accelerations are left out."""
     e = here.equations
     a = [here.here[x] if here.here[x] is e.graph.zero else x for x in here.a]
     forces = [e.translate(x) for x in multipliers]

@@ -1,7 +1,8 @@
-"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0, symbolic if the factors have degree 1 or 2.
+"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0.
 
-Without C, det(K - w^2 M) = 0 and (K - w^2 M) x = 0; with C, det(M s^2 + C s + K) = 0.
-Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, chapter 6.
+Without C, det(K - w^2 M) = 0 and (K - w^2 M) x = 0; with C, det(M s^2 + C s + K) = 0. Results are symbolic if the
+factors of the determinant have degree 1 or 2. Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed.,
+2002, chapter 6.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class Modes(ShownAsPage):
     """The n modes about an equilibrium: `frequencies`, and `shapes` as column vectors in `coordinates`.
 
     A mode has the eigenvalues -decay + i frequency and -decay - i frequency. The frequency is real if the mode
-    oscillates and imaginary if it does not. Such a mode grows if the magnitude of its frequency exceeds `decay`.
+    oscillates and imaginary if it does not. A mode with an imaginary frequency grows if its magnitude exceeds `decay`.
     If `symbolic` is true, frequencies, decays and shapes are formulas; else numbers at the values of the parameters.
     `eigenvalues` are 2n numbers, or empty if a parameter has no value. `stable` is True, False, or None if undecided;
     `reason` says why.
@@ -76,13 +77,13 @@ class Modes(ShownAsPage):
         return self._summary(map(str, self.frequencies))
 
     def _summary(self, frequencies: Iterable[str]) -> str:
-        """Return one line with the stability and the frequencies as texts."""
+        """Return one line with the stability and the `frequencies`, which are given as texts."""
         word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
 
 def check_first_order(lin: Linearization, form: PlainForm) -> None:
-    """Raise StatementError for coordinates without inertia at any state, which have no vibrations."""
+    """Raise StatementError for coordinates that have no inertia at any state, and so no vibrations."""
     name, coordinates = form.statement.name, form.statement.coordinates
     massless = {q for q, p in zip(coordinates, form.momenta, strict=True) if not p.has(*form.v)}
     names = [name_of(q) for q in lin.velocity_coordinates if q in massless]
@@ -99,7 +100,7 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
 
 @dataclass(frozen=True)
 class _Root:
-    """A frequency, its decay, and `value`: w^2 without damping, else the eigenvalue s whose shape is computed."""
+    """A frequency, its decay, and `value`: w^2 without damping, else the eigenvalue s, from which the shape follows."""
 
     frequency: Any
     decay: Any
@@ -163,7 +164,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
 def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
     """Compare symbolic roots with numerical eigenvalues. Raises RunError if a root is not an eigenvalue.
 
-    Without `values` the symbols get arbitrary distinct numbers.
+    `values` are the numbers for the symbols; None means arbitrary distinct numbers.
     """
     values = _values_of(lin.M, lin.C, lin.K) if values is None else values
     numbers = eigenvalues(lin, values)
@@ -178,7 +179,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct numbers for all symbols, to sort frequencies when parameters have no values."""
+    """Return distinct numbers for all symbols in matrices, to sort frequencies if parameters have no values."""
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
@@ -225,7 +226,7 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
     """Return the roots of a polynomial in `x`, or None if a factor has a degree above two.
 
-    `plain` means x = w^2, without damping; `even` means x = s^2; else x = s, where a damped pair is one root.
+    If `plain`, x is w^2, without damping. Else if `even`, x is s^2. Else x is s, and a damped pair is one root.
     """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
@@ -243,7 +244,10 @@ def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | No
 
 
 def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of one factor, or None if its degree is above two. Coefficients start with the highest."""
+    """Return the roots of one factor, or None if its degree is above two; `plain` and `even` are as in `_roots`.
+
+    The highest coefficient comes first.
+    """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])
@@ -266,8 +270,8 @@ def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Ro
 def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
     """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
-    `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
-    be imaginary.
+    `squared` is P^2. If `plain`, the value of a mode is w^2, else i w. This form is shorter if P contains no root, as
+    for Foucault's pendulum. The list is empty if P may be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:
@@ -278,7 +282,7 @@ def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
 
 
 def _oscillation(root: Any, plain: bool) -> _Root:
-    """Return the undamped mode of a root. The root is w^2 if `plain`, else s^2."""
+    """Return the undamped mode of a root, which is w^2 if `plain`, else s^2."""
     square = root if plain else -root
     frequency = _root_of(square)
     return _Root(frequency, sympy.S.Zero, root if plain else sympy.I * frequency)
@@ -293,7 +297,7 @@ def _root_of(square: Any) -> Any:
 
 
 def _brief(expression: Any) -> bool:
-    """Return True if an expression is short enough to simplify, also after expansion, which SymPy does first."""
+    """Return True if an expression is short enough for SymPy to simplify, even after expansion."""
     return size(expression) <= LONGEST_SIMPLIFIED and size(sympy.expand(expression)) <= LONGEST_SIMPLIFIED
 
 
@@ -306,7 +310,7 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return a null vector of a matrix whose first non-zero entry is 1, or None; skip the first `skipped` ones."""
+    """Return null vector number `skipped` of a matrix, with 1 as first non-zero entry; None if there are fewer."""
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]
@@ -354,8 +358,8 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
 def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
     """Return the mode of two eigenvalues, -decay + i frequency and -decay - i frequency.
 
-    They are complex conjugates, or two real numbers. Real eigenvalues are paired lowest with highest, since without
-    damping they are opposite.
+    The two are complex conjugates or real numbers. Real eigenvalues are paired lowest with highest, since without
+    damping they are opposite. Parts below rounding errors of `largest`, the largest magnitude, are zero.
     """
     decay, frequency = -(value + other).real / 2, (value - other) / 2j
     shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
@@ -367,7 +371,10 @@ def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
 
 
 def _column(vector: Any) -> Any:
-    """Return a shape scaled so that the first of its largest entries is 1; real if all imaginary parts are rounding."""
+    """Return a shape scaled so that its largest entry, or the first of several, is 1.
+
+    It is real if all imaginary parts are rounding errors.
+    """
     sizes = np.abs(vector)
     scaled = vector / vector[int(np.argmax(sizes >= 0.999 * sizes.max()))]
     if np.abs(scaled.imag).max() < SMALL:

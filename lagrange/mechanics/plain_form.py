@@ -64,8 +64,8 @@ def simplest(given: Any) -> Any:
 def rational_below(given: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
-    It is unchanged if it is long, or if roots stand in roots or in functions, as in |sqrt(a) - b|. A root r of a base b
-    is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
+    It is unchanged if it is long, or if it has roots within roots or functions, as in |sqrt(a) - b|. A root r of a base
+    b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
     """
     powers = [x for x in sorted(given.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
@@ -102,13 +102,13 @@ def root_of_square(given: Any) -> Any:
 
 
 def in_fractions(given: Any) -> Any:
-    """Return an expression with each decimal replaced by the fraction that its digits denote: 0.1 by 1/10."""
+    """Return an expression with each decimal replaced by the fraction that its digits state: 0.1 becomes 1/10."""
     decimals = sorted(given.atoms(sympy.Float), key=str)
     return given.xreplace({x: sympy.Rational(repr(float(x))) for x in decimals})
 
 
 def in_decimals(given: Any) -> Any:
-    """Return an expression with decimals in place of fractions whose numerator or denominator exceeds the limit."""
+    """Return an expression with decimals in place of fractions whose numerator or denominator is too long."""
     fractions = [x for x in sorted(given.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
     return given.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
@@ -136,7 +136,7 @@ def size(given: Any) -> int:
 
 
 def written_out(given: Any) -> int:
-    """Return the number of nodes of an expression as a tree. Each different node is visited only once."""
+    """Return the number of nodes of an expression as a tree, in which shared nodes count at each occurrence."""
     sizes: dict[Any, int] = {}
     stack = [given]
     while stack:
@@ -167,7 +167,7 @@ RESIDUAL = 1e-20
 def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
     """Return True if an expression in plain symbols is zero at random states, times and values of the parameters.
 
-    If it has a value at too few of them, SymPy decides.
+    If it has values at too few of these samples, SymPy decides. `kinds` are the kinds of samples.
     """
     if given == 0:
         return True
@@ -177,7 +177,7 @@ def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KIND
 
 
 def vanishes_in_symbols(given: Any) -> bool:
-    """Return True if an expression in plain symbols is zero for all real values of them; False if it has no value."""
+    """Return True if an expression is zero at random values of all its symbols; False if it has no values."""
     draw = random.Random(7)
     symbols = sorted(given.free_symbols, key=str)
     values = ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(MOST_DRAWS))
@@ -191,7 +191,7 @@ def _is_rounding(given: Any, values: Mapping[Any, Any]) -> bool | None:
 
 
 def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
-    """Return the magnitude of the terms of an expression: sums are replaced by sums of magnitudes, also in factors.
+    """Return the magnitude of the terms of an expression: each sum in it is replaced by the sum of magnitudes.
 
     Rounding is relative to this number, not to the value: in (x - y) z the two terms of the first factor may cancel.
     """
@@ -211,14 +211,15 @@ MOST_NODES = 15_000
 class Shortener:
     """Computes short forms of expressions, within a bound on their total size.
 
-    A refusal names `what` the expressions make up. `vanishes` returns True for an expression that is identically zero.
+    `what` names all these expressions in the error beyond the bound. `vanishes` returns True for an expression that is
+    identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:
         self.what, self.vanishes, self.nodes = what, vanishes, 0
 
     def short(self, given: Any) -> Any:
-        """Return an expression in a short form, 0 where it vanishes. Raises StatementError beyond the bound."""
+        """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the bound."""
         if not given.args:
             return given
         self.nodes += written_out(given)
@@ -230,7 +231,7 @@ class Shortener:
         return sympy.S.Zero if self.vanishes(given) else simplest(given)
 
     def solved(self, matrix: Any, right: Any) -> Any:
-        """Return X with `matrix` X = `right`, eliminated with the shortest pivot of each column.
+        """Return X with `matrix` X = `right`, by elimination with the shortest pivot of each column.
 
         Raises ZeroDivisionError for a singular matrix.
         """
@@ -273,27 +274,27 @@ class PlainForm:
 
     @cached_property
     def q(self) -> tuple[Any, ...]:
-        """The coordinates' symbols, n of them."""
+        """The plain symbols of the coordinates, n of them."""
         return tuple(self.plain[q] for q in self.statement.coordinates)
 
     @cached_property
     def v(self) -> tuple[Any, ...]:
-        """The velocities' symbols, n of them."""
+        """The plain symbols of the velocities, n of them."""
         return tuple(self.plain[v] for v in self.statement.velocities)
 
     @cached_property
     def a(self) -> tuple[Any, ...]:
-        """The accelerations' symbols, n of them."""
+        """The plain symbols of the accelerations, n of them."""
         return tuple(self.plain[acceleration_of(q)] for q in self.statement.coordinates)
 
     @cached_property
     def lagrangian(self) -> Any:
-        """L."""
+        """The Lagrangian L, in plain symbols."""
         return self.read(self.statement.lagrangian)
 
     @cached_property
     def forces(self) -> tuple[Any, ...]:
-        """Q - dD/dv, n of them."""
+        """The forces without a potential, Q - dD/dv, n of them."""
         dissipation = self.read(self.statement.dissipation)
         return tuple(
             self.read(force) - dissipation.diff(v) for force, v in zip(self.statement.forces, self.v, strict=True)
@@ -301,7 +302,7 @@ class PlainForm:
 
     @cached_property
     def momenta(self) -> tuple[Any, ...]:
-        """dL/dv, n of them."""
+        """The momenta dL/dv, n of them."""
         return tuple(self.lagrangian.diff(v) for v in self.v)
 
     @cached_property
@@ -315,7 +316,7 @@ class PlainForm:
 
     @cached_property
     def mass(self) -> Any:
-        """d2L/dv2, (n, n)."""
+        """The mass matrix d2L/dv2, (n, n)."""
         return sympy.Matrix([[simplest(p.diff(v)) for v in self.v] for p in self.momenta])
 
     @cached_property
@@ -336,7 +337,7 @@ class PlainForm:
         return differentiable(given.xreplace(self.plain))
 
     def written(self, given: Any) -> Any:
-        """Return an expression in plain symbols in the user's symbols and functions."""
+        """Return an expression with plain symbols replaced by the user's symbols and functions."""
         return printable(given).xreplace(self.stated)
 
     @cached_property
@@ -345,14 +346,14 @@ class PlainForm:
         return {symbol: leaf for leaf, symbol in self.plain.items()}
 
     def at(self, point: SamplePoint) -> dict[Any, Any]:
-        """Return a point as exact fractions, {symbol of a coordinate, velocity, parameter or t: fraction}."""
+        """Return a sample point as {symbol of a coordinate, velocity, parameter or t: exact fraction}."""
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]
         return {symbol: sympy.Rational(x) for symbol, x in numbers}
 
 
 def number(given: Any, values: Mapping[Any, Any]) -> complex:
-    """Return the value of an expression in plain symbols, or NaN if it has none or contains an unknown function."""
+    """Return the value of an expression in plain symbols. NaN if it has none, or contains an undefined function."""
     formula = prescribed(printable(given))
     if formula.has(AppliedUndef):
         return complex("nan")
@@ -378,7 +379,7 @@ def prescribed(given: Any) -> Any:
 
 
 def real(given: Any, values: Mapping[Any, Any]) -> float:
-    """Return the value of an expression in plain symbols, or NaN if it has none or is not real."""
+    """Return the value of an expression in plain symbols as a float. NaN if it has no value or is not real."""
     value = number(given, values)
     return value.real if abs(value.imag) <= IMAGINARY * abs(value.real) else float("nan")
 

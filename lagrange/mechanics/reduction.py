@@ -1,4 +1,4 @@
-"""Fewer coordinates or parameters: constraints solved for coordinates, and expressions put in."""
+"""Systems with fewer coordinates or parameters: constraints are eliminated, and parameters replaced by expressions."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def rewritten(
     parameters: Mapping[Any, Any] | None = None,
     initial: Mapping[Any, float] | None = None,
 ) -> Statement:
-    """Return the statement with the function `put` applied to every expression; the result is checked as a new one.
+    """Return the statement with the function `put` applied to every expression, checked as a new statement.
 
-    Energies and forces contain the entries and rates of rotations that stay by name, such as R_xx(t). Parts that are
-    None are those of the statement. `coordinates` are the new coordinates. `forces` are new forces, to which `put` is
-    not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters` are all
+    Energies and forces contain the entries and rates of remaining rotations by name, such as R_xx(t). Arguments that
+    are None leave their part as stated. `coordinates` are the new coordinates. `forces` are new forces, to which `put`
+    is not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters` are all
     parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by coordinate and
     velocity.
     """
@@ -70,13 +70,13 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return the statement for new `coordinates`, in turns of its bodies if they contain the rotations; else itself."""
+    """Return `statement.reading` if the new `coordinates` contain all rotations; else the statement itself."""
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
 
 
 def with_origin(made: Statement, statement: Statement) -> Statement:
-    """Return a derived statement with the description, source, run settings and dimensions of the original.
+    """Return the derived statement `made` with the description, source, run settings and dimensions of the original.
 
     Events are left out, since they are stated in the original coordinates and parameters.
     """
@@ -87,10 +87,10 @@ def with_origin(made: Statement, statement: Statement) -> Statement:
 
 
 def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
-    """Return the statement with expressions for some parameters, which are keyed by symbol or name.
+    """Return the statement with expressions in place of some parameters; keys of `given` are symbols or names.
 
-    Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is no
-    parameter, and for an expression in coordinates or time, whose derivatives would be missing in the equations. A
+    Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is not
+    a parameter, and for an expression in coordinates or time, whose derivatives would be missing in the equations. A
     function of time may also be a key, with values as for `lagrange.given`.
     """
     if not isinstance(given, Mapping) or not given:
@@ -127,7 +127,7 @@ def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
 
 
 def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
-    """Return the expression for a parameter, with the system's own symbols."""
+    """Return the expression `given` for a parameter, in the system's own symbols, which are `by_name`."""
     what = f"the value of {parameter}"
     value, survey = expression(given, what), Survey()
     survey.add(value, what)
@@ -149,8 +149,8 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
 def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
     """Return a statement without some coordinates, and without the constraints that determine them.
 
-    Each of `wanted` is a coordinate, its name, the name of a constraint, or a dict from coordinates to the expressions
-    that they are equal to. Raises StatementError where no constraint determines a coordinate.
+    Each of `wanted` is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Raises
+    StatementError if no constraint determines a coordinate.
     """
     if not wanted:
         raise StatementError("nothing is to be eliminated: name a coordinate that a constraint determines.")
@@ -171,7 +171,7 @@ def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
 
 
 def _named(key: Any, statement: Statement) -> str:
-    """Return the name of a coordinate that the system still has."""
+    """Return the name of a coordinate, from its symbol or name. Raises StatementError if the system lacks it."""
     by_key = dict(zip(statement.coordinates, statement.names, strict=True))
     name = key if isinstance(key, str) else by_key.get(key) if isinstance(key, sympy.Basic) else None
     if name in statement.names:
@@ -197,7 +197,10 @@ def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
 
 
 def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
-    """Return the coordinate as an expression in plain symbols, or None if the constraint gives no single value."""
+    """Return the expression of a coordinate, in plain symbols, that solves a constraint.
+
+    None if the constraint does not have exactly one solution for every state.
+    """
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
     zero = constraint.expression.xreplace(plain)
@@ -212,12 +215,12 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
 
 
 def _never_zero(slope: Any) -> bool:
-    """Return True if SymPy proves that an expression in real symbols and positive parameters is not zero."""
+    """Return True if SymPy proves that an expression is never zero for real symbols and positive parameters."""
     return bool(slope.is_nonzero) or bool(sympy.factor(slope).is_nonzero)
 
 
 def _without(statement: Statement, name: str, given: Any) -> Statement:
-    """Return the statement without one coordinate."""
+    """Return the statement without the coordinate `name`; `given` is the user's expression for it, or None."""
     if len(statement.coordinates) == 1:
         raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
     candidates = [c for c in statement.constraints if _contains(c, name, statement)]
@@ -231,7 +234,7 @@ def _without(statement: Statement, name: str, given: Any) -> Statement:
 
 
 def _check_multiplier(constraint: Constraint, name: str, statement: Statement) -> None:
-    """Raise StatementError if a force contains the multiplier of a constraint that is to be left out."""
+    """Raise StatementError if a force contains the multiplier of a constraint that is to be eliminated."""
     for q, force in zip(statement.names, statement.forces, strict=True):
         if force.has(constraint.multiplier):
             raise StatementError(
@@ -242,7 +245,7 @@ def _check_multiplier(constraint: Constraint, name: str, statement: Statement) -
 
 
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
-    """Raise StatementError if the initial value of a coordinate or velocity differs from its expression.
+    """Raise StatementError if the initial value of a coordinate or velocity differs from its expression, `solved`.
 
     Values of zero are not compared, since zero is the default. Nothing is compared if a parameter has no value.
     """
@@ -271,9 +274,9 @@ def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
 
 
 def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the first constraint that determines a coordinate, and its expression.
+    """Return the first of the constraints `held` that determines the coordinate `name`, and its expression.
 
-    Raises StatementError if none does.
+    Raises StatementError if none of them does.
     """
     for constraint in held:
         solution = _solution(constraint, name, statement)
@@ -283,7 +286,7 @@ def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tupl
 
 
 def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return the error message for a coordinate that no constraint determines."""
+    """Return the error message for a coordinate that no constraint determines; `held` are the constraints with it."""
     if not held:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
     places = [constraint for constraint in held if constraint.holonomic]
@@ -304,7 +307,7 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
 
 
 def _on_velocities(names: Sequence[str]) -> str:
-    """Return the error message for constraints on velocities, which cannot be eliminated."""
+    """Return the error message for constraints on velocities, `names`, which cannot be eliminated."""
     return (
         f"{listing(names)} {'is a constraint' if len(names) == 1 else 'are constraints'} on velocities, which may not "
         "be put into the energies, since the forces of the constraint would be missing. Keep it, or state the "
@@ -313,7 +316,10 @@ def _on_velocities(names: Sequence[str]) -> str:
 
 
 def _checked(held: Sequence[Constraint], name: str, given: Any, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols."""
+    """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols.
+
+    `held` are the constraints that contain the coordinate. Raises StatementError if the expression solves none of them.
+    """
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
     stated = in_own_parameters(expression(given, what), statement.parameters)
     survey = Survey()
@@ -343,7 +349,7 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
 
 
 def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:
-    """Return the statement with a coordinate replaced by an expression in plain symbols, without the constraint."""
+    """Return the statement without a coordinate and its constraint; `solved` is the coordinate in plain symbols."""
     index = statement.names.index(name)
     gone = statement.coordinates[index]
     plain = statement.plain

@@ -1,4 +1,4 @@
-"""Equations solved in symbols, one unknown after another, or by number from many starts.
+"""Equations solved in symbols, one unknown after another, or numerically from many starts.
 
 In symbols every factor of an equation is a branch. A factor is solved if it is linear in an unknown, or of degree two
 in the unknown, its sine or its cosine. If no such factor is left, polynomial equations of low degree are solved
@@ -42,7 +42,7 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return all real solutions {unknown: value} of the equations e = 0, or None if they are not solved in symbols.
+    """Return all real solutions {unknown: value} of equations e = 0, or None if they cannot be solved in symbols.
 
     Unknowns with arbitrary values are absent from a solution.
     """
@@ -72,9 +72,9 @@ def _is_complex(given: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], values: dict[Any, Any], left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions of the remaining equations, each with the known `values`.
+    """Return the solutions of the remaining equations, each combined with the known `values`.
 
-    `left` holds the number of branches that may still be followed. Raises GivenUpError.
+    `left` is a list of one number: how many branches may still be followed. Raises GivenUpError.
     """
     remaining = []
     for equation in equations:
@@ -121,9 +121,10 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(unknown, value)] for a factor that is linear in an unknown with a coefficient free of unknowns, or None.
+    """Return [(unknown, value)] for a factor that is linear in an unknown, or None for any other factor.
 
-    A factor sin(a - b) gives two values.
+    The coefficient of the unknown must contain no unknowns. A factor sin(a - b) gives two values. `present` are the
+    unknowns in the factor.
     """
     for x in present:
         slope = sympy.expand(factor.diff(x))
@@ -175,7 +176,7 @@ def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any
 
 
 def _inverse(function: Any, value: Any) -> list[Any]:
-    """Return the angles within one turn at which a sine, cosine or tangent equals `value`; empty if there are none."""
+    """Return the angles in one period at which a sine, cosine or tangent equals `value`; empty if there are none."""
     if value.is_number and not isinstance(function, sympy.tan) and abs(complex(value)) > 1:
         return []
     if isinstance(function, sympy.cos):
@@ -188,7 +189,7 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the two angles within one turn at which a sin + b cos vanishes, or None for another form."""
+    """Return the two angles in one period at which a sin + b cos is zero; None for a factor of another form."""
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
     whole = sympy.expand(factor.xreplace({s: first, c: second}))
@@ -222,7 +223,10 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
 
 
 def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[Any, Any]) -> list[dict[Any, Any]]:
-    """Return the solutions of polynomial equations of low degree, by Groebner bases. Raises GivenUpError."""
+    """Return the solutions of polynomial equations of low degree, by Groebner bases. Raises GivenUpError.
+
+    Each is combined with the known `values`.
+    """
     present = [x for x in unknowns if any(e.has(x) for e in equations)]
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
@@ -238,7 +242,7 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[An
 
 
 def _is_binomial(equation: Any, x: Any) -> bool:
-    """Return True if every factor has degree at most two or is a x^n + b.
+    """Return True if every factor has degree at most two in x, or is a x^n + b.
 
     Formulas for real roots of other cubics contain complex numbers.
     """
@@ -247,7 +251,7 @@ def _is_binomial(equation: Any, x: Any) -> bool:
 
 
 def _is_tangled(value: Any) -> bool:
-    """Return True if a value is too long, or contains I and may still be real: such values cannot be judged."""
+    """Return True if it cannot be decided whether a value is real: it is too long, or contains I."""
     if size(value) > LONGEST_VALUE:
         return True
     return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))
@@ -284,10 +288,10 @@ SAME_FLAT = 1e-3
 def numeric_roots(
     equations: Sequence[Any], unknowns: Sequence[Any], start: FloatArray, angles: Sequence[bool], helpers: int = 0
 ) -> list[FloatArray]:
-    """Return the roots of equations in numbers and unknowns that Newton's method finds from many starts, sorted.
+    """Return the solutions (k,) of equations, found numerically by Newton's method from many starts, sorted.
 
-    The last `helpers` unknowns, such as multipliers, are left out of the results (k,). `start` (k,) is the first start,
-    and `angles` is true for unknowns of period 2 pi.
+    The last `helpers` unknowns, such as multipliers, are left out of the results. `start` (k,) is the first start, and
+    `angles` is true for unknowns of period 2 pi.
     """
     k, turning = len(start), np.array(angles, dtype=bool)
     scale = np.where(turning, 1.0, max(1.0, float(np.abs(start).max(initial=0.0))))
@@ -311,7 +315,10 @@ def numeric_roots(
 
 
 def _starts(start: FloatArray, turning: Any, scale: FloatArray, helpers: int) -> FloatArray:
-    """Return the starts (k + helpers, STARTS): the given one, zero, and random points of several magnitudes."""
+    """Return starting points (k + helpers, STARTS): `start`, zero, and random points of several magnitudes.
+
+    `turning` is true for angles. `scale` are the magnitudes of the unknowns.
+    """
     draw, k = np.random.default_rng(0), len(start)
     sizes = scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
     turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
@@ -321,14 +328,14 @@ def _starts(start: FloatArray, turning: Any, scale: FloatArray, helpers: int) ->
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return unknowns with angles reduced to (-pi, pi] and values below 1e-12 set to zero."""
+    """Return unknowns x with angles, where `turning`, reduced to (-pi, pi]; values below 1e-12 become zero."""
     turns = np.ceil(x / (2 * np.pi) - 0.5 - 1e-9)
     wrapped = np.where(turning, x - 2 * np.pi * turns, x)
     return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)
 
 
 class _NumericEquations:
-    """Equations and their slopes as nodes of a graph, evaluated in doubles at many points at once."""
+    """Equations and their derivatives as nodes of a graph, evaluated in doubles at many points at once."""
 
     def __init__(self, equations: Sequence[Any], unknowns: Sequence[Any]) -> None:
         graph = Graph()
@@ -339,7 +346,7 @@ class _NumericEquations:
         self.slopes = [column(value) for value in self.values for column in columns]
 
     def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (m, N) and their slopes (N, m, k) at columns x (k, N)."""
+        """Return the residuals (m, N) and their derivatives (N, m, k) at the columns of x (k, N)."""
         m, (k, columns) = len(self.values), x.shape
         rows = doubles([*self.values, *self.slopes], dict(zip(self.symbols, x, strict=True)), columns)
         return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)

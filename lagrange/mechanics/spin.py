@@ -1,9 +1,10 @@
 """Linear equations of systems with rotations, in small turns of the bodies about their own axes.
 
 With the residual r of the equations of a derivation, M = dr/da, C = dr/dv and K = dr/dx. Small turns x change the rates
-w of a body by x' + w x x, and its accelerations by x'' + w x x' + w' x x. With the matrices W and W' of these products,
-M x'' + (M W + C) x' + (M W' + C W + K) x = 0. A body that spins steadily has constant matrices.
-Constraints psi = 0 on rates have the gradient G by rates, and G x' + (dpsi/dx + G W) x = 0; see `linearization`.
+w of a body by x' + w x x, and its accelerations by x'' + w x x' + w' x x, with cross products. With the matrices W and
+W' of these products, M x'' + (M W + C) x' + (M W' + C W + K) x = 0. A body that spins steadily has constant matrices.
+Constraints psi = 0 on rates have the gradient G by rates, and G x' + (dpsi/dx + G W) x = 0; `linearization` describes
+how they are solved.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ LARGEST_DIFFERENCE = 1e-7
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
 
-    A system with rotations has it in small turns. Raises StatementError for a singular mass matrix, and for a point
-    off the constraints.
+    Rotations appear as small turns. Raises StatementError for a singular mass matrix, and for a point off the
+    constraints.
     """
     if system.statement.reading is None:
         return in_coordinates(system, at, inputs)
@@ -51,7 +52,10 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 
 class _InTurns(Shortened):
-    """The equations of a derivation at a point, and their derivatives there."""
+    """The equations of a derivation, in small turns of the bodies, and their derivatives at a point.
+
+    In the expressions, `symbols` replace the leaves: coordinates, rates and entries of rotations.
+    """
 
     def __init__(self, system: Stated, at: Any, inputs: Any) -> None:
         self.statement, self.read = system.statement, system.statement.as_read
@@ -80,38 +84,41 @@ class _InTurns(Shortened):
         self.constrain()
 
     def bodies(self) -> Iterator[tuple[int, Rotation]]:
-        """Yield each rotation with the index of its first turn among the coordinates."""
+        """Yield (index of its first turn among the coordinates, rotation) for each rotation."""
         first = self.n - 3 * len(self.statement.rotations)
         return zip(range(first, self.n, 3), map(rotation_of, self.statement.rotations), strict=True)
 
     def quaternion(self, each: Rotation) -> tuple[list[Any], list[Any]]:
-        """Return the entries of a quaternion and their velocities at the point."""
+        """Return the entries of the quaternion of a rotation, and their velocities, at the point."""
         return [self.values[q] for q in each.quaternion], [self.values[velocity_of(q)] for q in each.quaternion]
 
     def value(self, expression: Any, more: Mapping[Any, Any]) -> Any:
-        """Return an expression in `symbols` at the point, with values of more leaves."""
+        """Return the value at the point of an expression in `symbols`; `more` has values of leaves without one."""
         table = {self.symbols[leaf]: value for leaf, value in (*self.here.items(), *more.items())}
         return simplest(expression.xreplace(table))
 
     @property
     def decimal(self) -> bool:
-        """True if the point contains decimals. It then holds only for the present values of the parameters."""
+        """True if the point contains decimals, so that it is valid only for the present values of the parameters."""
         return any(value.has(sympy.Float) for value in self.values.values())
 
     def is_zero(self, *given: Any) -> bool:
-        """Return whether expressions in parameters are zero; at a point in decimals to eight digits, with values."""
+        """Return True if expressions in parameters are zero. At a point in decimals the limit is 1e-8, numerically."""
         values = dict.fromkeys(self.statement.parameters, 1.0) | dict(self.statement.defaults)
         return all(
             abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.short(each) == 0 for each in given
         )
 
     def slopes(self, leaves: Sequence[Any], more: Mapping[Any, Any]) -> Any:
-        """Return the derivatives of the residuals by some leaves at the point, (n, number of leaves)."""
+        """Return the derivatives of the residuals by some leaves at the point, (n, number of leaves).
+
+        `more` has values of leaves that have none at the point, such as accelerations.
+        """
         rows = [[self.value(law.diff(self.symbols[leaf]), more) for leaf in leaves] for law in self.laws]
         return sympy.Matrix(self.n, len(leaves), list(chain(*rows)))
 
     def changes(self, expression: Any) -> list[Any]:
-        """Return the derivatives of an expression in `symbols` by the coordinates and along small turns, n of them."""
+        """Return n derivatives of an expression in `symbols`: by coordinates, and for rotations along small turns."""
         made = [expression.diff(self.symbols[q]) for q in self.read.coordinates]
         for first, each in self.bodies():
             place = each.matrix.applyfunc(self.symbols.__getitem__)
@@ -123,7 +130,7 @@ class _InTurns(Shortened):
         return made
 
     def rates(self, matrix: Any, accelerations: Any) -> Any:
-        """Return the time derivatives at the point of a matrix in `symbols`, along the motion."""
+        """Return the time derivative, along the motion, of a `matrix` in `symbols` at the point."""
         ahead = sympy.Dummy()
         rates = dict(zip(self.read.coordinates, (self.here[v] for v in self.velocities), strict=True))
         rates |= dict(zip(self.velocities, accelerations, strict=True))
@@ -170,7 +177,7 @@ class _InTurns(Shortened):
             raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
 
     def at_point(self, matrix: Any, more: Mapping[Any, Any]) -> Any:
-        """Return a matrix in `symbols` at the point, with values of more leaves."""
+        """Return the value at the point of a matrix in `symbols`; `more` has values of leaves without one."""
         return matrix.applyfunc(lambda entry: self.short(self.value(entry, more)))
 
     @cached_property
@@ -189,7 +196,7 @@ class _InTurns(Shortened):
 
     @cached_property
     def motion(self) -> dict[Any, Any]:
-        """The accelerations and multipliers at the point, by their leaves. Redundant constraints have no force."""
+        """Accelerations and multipliers at the point, by leaf. The multipliers of redundant constraints are zero."""
         found = dict.fromkeys(self.forces, sympy.S.Zero) | dict(zip(self.second, self.accelerations, strict=True))
         if self.speeds.kept:
             sizes = self.speeds.balance(self.mass * self.accelerations + self.rest)
@@ -198,7 +205,7 @@ class _InTurns(Shortened):
 
     @cached_property
     def tangent(self) -> TangentMotion:
-        """The small motions on the constraints."""
+        """Small motions on the constraints."""
         everywhere = list(range(self.n))
         G, P = (each.extract(self.speeds.kept, everywhere) for each in (self.G, self.P))
         Phi = self.Phi.extract(self.places.kept, everywhere)
@@ -206,14 +213,20 @@ class _InTurns(Shortened):
         return TangentMotion(self.speeds, self.places, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
 
     def swirl(self, column: Any) -> Any:
-        """Return the matrix W (n, n) with W x = w x x for each body. `column` has w in the rows of the turns."""
+        """Return the matrix W (n, n) whose product with x is the cross product of w and x, for each body.
+
+        `column` has w in the rows of the turns.
+        """
         made = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
             made[first : first + 3, first : first + 3] = cross_matrix(column[first : first + 3])
         return made
 
     def stiffness(self, more: Mapping[Any, Any]) -> Any:
-        """Return the derivatives of the residuals by coordinates and along turns, (n, n)."""
+        """Return the derivatives of the residuals by coordinates and along turns at the point, (n, n).
+
+        `more` has the accelerations and multipliers.
+        """
         rows = [[self.value(change, more) for change in self.changes(law)] for law in self.laws]
         return sympy.Matrix(self.n, self.n, list(chain(*rows)))
 
@@ -248,7 +261,10 @@ class _InTurns(Shortened):
         )
 
     def compare(self, found: Linearization, model: Model) -> None:
-        """Raise RunError if the compiled model has other accelerations near the point, at the parameters' values."""
+        """Raise RunError if accelerations of the compiled model near the point differ from those of the linearization.
+
+        Parameters have their stated values. Nothing is compared if a value is missing.
+        """
         statement = self.statement
         if any(p not in statement.defaults for p in statement.parameters if p not in self.inputs):
             return
@@ -271,10 +287,10 @@ class _InTurns(Shortened):
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 
     def _changes(self, y: FloatArray, pushed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the changes of the statement's coordinates, velocities and accelerations.
+        """Return the changes of the statement's coordinates, velocities and accelerations that small turns cause.
 
-        The first two are matrices of the changes (x, x'), the last of (x, x', x''). `y` is the state, `pushed` has the
-        accelerations in turns.
+        They are matrices: the first two multiply changes (x, x'), the last one (x, x', x''). `y` is the state, and
+        `pushed` has the accelerations in turns.
         """
         n, whole = self.n, len(self.statement.coordinates)
         made = np.zeros((3, whole, 3 * n))
@@ -303,5 +319,5 @@ class _InTurns(Shortened):
 
 
 def _velocities(q: Any, rates: Any) -> FloatArray:
-    """Return the time derivatives of a quaternion that turns with rates about the axes of the body, (4,)."""
+    """Return the time derivatives (4,) of a quaternion `q` from its rates about the axes of the body."""
     return np.array(velocities_at(q, rates, space=False))

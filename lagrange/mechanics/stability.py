@@ -45,7 +45,7 @@ DEFINITE = 1e-9
 
 @dataclass(frozen=True)
 class Verdict:
-    """Stability of an equilibrium: True, False, or None if undecided; `reason` is a sentence."""
+    """Stability of an equilibrium, `stable`: True, False, or None if undecided. `reason` is a sentence."""
 
     stable: bool | None
     reason: str
@@ -62,16 +62,16 @@ NO_INERTIA = "the mass matrix is singular at these values of the parameters: giv
 
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
-    """Return numbers for all symbols of M, C and K, or None if one has no value."""
+    """Return numbers for all symbols of M, C and K, by symbol, or None if a symbol has no value."""
     numbers = point.numbers
     symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
     return numbers if all(s in numbers for s in symbols) else None
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
-    """Return the matrix A (2n, 2n) of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, all numbers.
+    """Return the matrix A (2n, 2n) of d/dt [x, v] = A [x, v], where M dv/dt + C v + K x = 0.
 
-    Raises StatementError for a singular mass matrix.
+    All matrices are numeric. Raises StatementError for a singular mass matrix.
     """
     n = mass.shape[0]
     try:
@@ -82,7 +82,7 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 
 
 def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
-    """Return the stability of an equilibrium, from eigenvalues if all parameters have values, else from known signs."""
+    """Return the stability of an equilibrium: by eigenvalues if all parameters have values, else by provable signs."""
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
     if lin.first_order and not is_zero(lin.C.det(method="berkowitz")):
@@ -103,12 +103,12 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if M is regular, as it is at every point where the coordinates are regular."""
+    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular."""
     return not is_zero(lin.M.det(method="berkowitz"))
 
 
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of K at fixed momenta; the energy has a minimum if all are positive.
+    """Return the leading minors of the stiffness K at fixed momenta. If all are positive, the energy has a minimum.
 
     `gone` are the indices of the ignorable coordinates. The result is empty if M is singular.
     """
@@ -119,7 +119,10 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
 
 
 def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
-    """Return the verdict that holds for all values of the parameters, from signs that SymPy can prove."""
+    """Return a verdict that holds for all values of the parameters, from signs that SymPy can prove.
+
+    `gone` are the indices of the ignorable coordinates.
+    """
     minors = criterion(lin, gone)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
@@ -150,7 +153,7 @@ def _is_definite(matrix: Any) -> bool:
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
-    """Return indices of coordinates that L, forces and constraints do not contain, and whose momenta are constant."""
+    """Return indices of ignorable coordinates: absent from L, forces and constraints, with constant momenta."""
     statement = form.statement
     return tuple(
         i
@@ -188,7 +191,7 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return True if the energy cannot grow: L does not depend on time, and forces are those of V and of braking."""
+    """Return True if the energy cannot grow: L does not depend on time, and the only other force is dissipation."""
     statement = form.statement
     free = vanishes(form, form.lagrangian.diff(t))
     return free and only_brakes(form) and all(vanishes(form, form.read(force)) for force in statement.forces)
@@ -197,8 +200,8 @@ def has_energy(form: PlainForm) -> bool:
 def only_brakes(form: PlainForm) -> bool:
     """Return True if the dissipation D only takes energy, so that its power v . dD/dv is never negative.
 
-    For D = v C v/2 with a constant C, the caller tests that C is positive semidefinite. Any other D has to be a sum of
-    terms that are homogeneous in the velocities and not negative: C does not show terms such as -v^4 or x v^2.
+    For D = v C v/2 with a constant C the result is true, and the caller tests that C is positive semidefinite. Any
+    other D must be a sum of terms that are homogeneous in the velocities and not negative.
     """
     stated = form.statement.dissipation.xreplace(form.plain)
     slopes = [form.read(form.statement.dissipation).diff(v) for v in form.v]
@@ -230,7 +233,7 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
 
 
 def _verdict_of_rates(rates: Any) -> Verdict:
-    """Return the verdict for states of first order, d/dt x = A x, from the numbers A."""
+    """Return the verdict for states of first order, d/dt x = A x; `rates` is the numeric matrix A."""
     if np.iscomplexobj(rates) or not np.isfinite(rates).all():
         return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
     return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
@@ -239,7 +242,7 @@ def _verdict_of_rates(rates: Any) -> Verdict:
 
 
 def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
-    """Return the verdict that the real parts of eigenvalues decide, or None if they decide nothing."""
+    """Return the verdict that follows from the real parts of eigenvalues, or None if they are inconclusive."""
     size = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
     if largest > REAL_PART * size:
@@ -250,7 +253,7 @@ def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
 
 
 def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
-    """Return the verdict for numbers M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
+    """Return the verdict for numeric M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
     n = mass.shape[0]
     if not n:
         return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
@@ -292,7 +295,7 @@ class EigenvaluePath:
     """Eigenvalues (k, 2n) at k values of a parameter, and the equilibria (k, n).
 
     Each column follows one eigenvalue from row to row. A row is NaN if no equilibrium was found. With constraints a row
-    has as many eigenvalues as there are independent coordinates and independent velocities.
+    has as many eigenvalues as there are independent coordinates and independent velocities together.
     """
 
     parameter: Any
@@ -360,7 +363,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
 
 
 def _on_constraints(point: StatedPoint) -> Linearization:
-    """Return the symbolic linearization of a system with constraints. Raises StatementError if `point` is decimal."""
+    """Return the symbolic linearization of a system with constraints. Raises StatementError if `point` has decimals."""
     name = point.form.statement.name
     lin = None if point.decimal else linearized_at(point)
     if lin is None or lin.decimal:
@@ -423,9 +426,10 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
 
 
 def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
-    """Return the eigenvalues at `value`, extrapolated from the last two known rows, or None if no row is known.
+    """Return the eigenvalues expected at `value`, by extrapolation from two known rows; None if no row is known.
 
-    Extrapolation keeps the columns in order where eigenvalues cross.
+    `known` are the indices of the known `rows` and of their parameter `values`. Extrapolation keeps the columns in
+    order where eigenvalues cross.
     """
     if not known:
         return None
@@ -437,7 +441,7 @@ def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float)
 
 
 def _matched(found: Any, before: Any) -> Any:
-    """Return eigenvalues in the order that best continues those before; sorted if `before` is None."""
+    """Return the eigenvalues `found` in the order that best continues those `before`; sorted if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
     ordered = np.sort_complex(np.asarray(found))

@@ -1,4 +1,4 @@
-"""Point symmetries: the candidates, their condition, and the conserved quantity of each with its name."""
+"""Point symmetries: candidates, the condition for a symmetry, and the conserved quantity of each with its name."""
 
 from __future__ import annotations
 
@@ -45,7 +45,10 @@ counted from the pole or from the equator.
 
 @dataclass(frozen=True, eq=False)
 class BodyPosition:
-    """A single body at r with T = mass |v|^2 / 2, in plain symbols; `rest` is L - T, at most linear in velocities."""
+    """Position r of a single body with T = mass |v|^2 / 2, in plain symbols.
+
+    `rest` is L - T, which is at most linear in velocities.
+    """
 
     mass: Any
     r: tuple[Any, ...]
@@ -54,7 +57,7 @@ class BodyPosition:
 
 
 def place(stated: StatedAlgebra) -> BodyPosition | None:
-    """Return the position of a statement's single body, or None if none of PLACINGS gives its kinetic energy."""
+    """Return the position of a statement's single body, or None if no entry of PLACINGS gives its kinetic energy."""
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -69,7 +72,8 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 def _mass(stated: StatedAlgebra) -> Any:
     """Return the mass of a single body: the first constant diagonal entry of M, which belongs to a length.
 
-    None without such an entry, and if M is not diagonal. It is diagonal in all PLACINGS, so this excludes most systems.
+    None if there is no such entry, or if M is not diagonal. M is diagonal for all PLACINGS, so this excludes most
+    systems.
     """
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
@@ -83,7 +87,7 @@ def _mass(stated: StatedAlgebra) -> Any:
 
 
 def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | None:
-    """Return L - mass |v|^2 / 2, or None if it is not at most linear in the velocities."""
+    """Return L - mass |v|^2 / 2, or None if this is not at most linear in the velocities `v`."""
     algebra = stated.algebra
     kinetic = algebra.scale(algebra.read(mass * sum(x**2 for x in v) / 2), S.NegativeOne)
     rest = algebra.merge_angles(algebra.add(stated.lagrangian, kinetic))
@@ -110,6 +114,7 @@ def oriented(
     """Return a symmetry in its standard direction, and the name of its conserved quantity.
 
     Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
+    `place` is the position of the single body, or None.
     """
     axis = _axis(stated, symmetry)
     if axis is None and place is not None and symmetry.tau == 0:
@@ -123,7 +128,10 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition) -> tuple[str, int] | None:
-    """Return a name such as "angular momentum z" for a rotation about a fixed axis or a shift along one."""
+    """Return (name, sense 1 or -1) of a rotation about a fixed axis or a shift along one; None for other symmetries.
+
+    The name is such as "angular momentum z".
+    """
     moved = Matrix(
         [sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in place.r]
     )
@@ -144,13 +152,13 @@ def _same(stated: StatedAlgebra, first: Any, second: Any) -> bool:
 
 
 def untaken(name: str, taken: Sequence[str]) -> str:
-    """Return the name, with a number appended if the name is taken."""
+    """Return the name; if it is taken, append a number."""
     names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
     return next(candidate for candidate in names if candidate not in taken)
 
 
 def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
-    """Return a name; only the conjugate momentum dL/dv itself is p_x, of a shift with F = 0."""
+    """Return a name for a conserved quantity. It is p_x only if the quantity is the momentum dL/dv itself."""
     names, moved = stated.statement.names, [i for i, xi in enumerate(symmetry.xi) if xi != 0]
     if symmetry.tau != 0:
         return energy
@@ -165,7 +173,7 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 
 
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
-    """Return the name of a rotation of pairs of coordinates, such as x1 and y1, about an axis, and the sense."""
+    """Return (name, sense 1 or -1) of a rotation about an axis in pairs of coordinates such as x1 and y1, or None."""
     names = dict(zip(stated.q, stated.statement.names, strict=True))
     axes: dict[tuple[str, int], None] = {}
     for q, xi in zip(stated.q, symmetry.xi, strict=True):
@@ -185,7 +193,7 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
 
 
 def axis_of(name: str) -> str:
-    """Return the axis of a coordinate such as x, x1 or ys: a name without its number, or its first letter."""
+    """Return the axis that the name of a coordinate states: x for x, x1 or xs, else the name without its number."""
     bare = re.sub(r"_?\d*$", "", name)
     return bare[0].lower() if bare[0].lower() in "xyz" else bare
 
@@ -224,9 +232,9 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class SymmetryEquation:
-    """Tests and completes symmetries of a statement.
+    """Condition of a symmetry of a statement: it tests symmetries and finds their gauge functions.
 
-    The condition of a symmetry needs the generalized forces and their power, kept here as sums of monomials.
+    It contains the generalized forces and their power, as sums of monomials.
     """
 
     stated: StatedAlgebra
@@ -247,7 +255,7 @@ class SymmetryEquation:
         object.__setattr__(self, "power", algebra.add(lost, *work))
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the time derivative of p . xi - tau E - F along the motion; it is zero if the symmetry holds.
+        """Return the time derivative of p . xi - tau E - F along the motion, which is zero for a symmetry.
 
         p are the momenta, E the energy and F the gauge function. Constraint forces are left out.
         """
@@ -264,9 +272,9 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return the symmetry with the gauge function F whose rate is its defect.
+        """Return the symmetry with the gauge function F whose time derivative is its defect, or None if no F is found.
 
-        F is zero if the defect is zero at a random state. None if the defect is not zero and no F is found.
+        F is zero if the defect is zero at a random state.
         """
         defect = self.defect(symmetry)
         if not self._differs(defect):
@@ -281,7 +289,7 @@ class SymmetryEquation:
     def _gauge(self, defect: MonomialSum) -> Any:
         """Return F(q, t) with dF/dt equal to the defect, or zero if no F is found.
 
-        The slopes of F are the factors of the velocities; they are integrated one after the other.
+        The derivatives of F are the factors of the velocities in the defect. They are integrated one after the other.
         """
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
@@ -305,7 +313,7 @@ class SymmetryEquation:
         return gauge if not canonical(algebra, left) else S.Zero
 
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
-        """Return False if no F exists: its slopes contain velocities, or its mixed derivatives in q and t differ."""
+        """Return False if no F exists, since its derivatives, `slopes`, contain velocities or contradict each other."""
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
             return False
@@ -318,7 +326,7 @@ class SymmetryEquation:
         return True
 
     def rate(self, terms: MonomialSum) -> MonomialSum:
-        """Return the total time derivative of a function of q and t."""
+        """Return the total time derivative of a function of q and t, given as a sum of monomials."""
         stated, algebra = self.stated, self.stated.algebra
         moved = [
             algebra.multiply(algebra.differentiate(terms, q), stated.symbol(v))
@@ -327,7 +335,7 @@ class SymmetryEquation:
         return algebra.add(algebra.differentiate(terms, stated.time), *moved)
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
-        """Return G xi: the rates at which the constraint expressions change under the shift xi."""
+        """Return G xi: the changes of the constraint expressions under the shift xi of a symmetry."""
         stated, algebra = self.stated, self.stated.algebra
         rates = []
         for constraint in stated.statement.constraints:
@@ -351,7 +359,7 @@ class SymmetryEquation:
         return all(is_identity(stated.algebra, terms) for terms in conditions)
 
     def quantity(self, symmetry: Symmetry) -> MonomialSum:
-        """Return p . xi - tau E - F."""
+        """Return the conserved quantity p . xi - tau E - F of a symmetry."""
         stated, algebra = self.stated, self.stated.algebra
         parts = [algebra.multiply(algebra.read(xi), p) for xi, p in zip(symmetry.xi, stated.momenta, strict=True)]
         if symmetry.tau != 0:
@@ -365,9 +373,9 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield the shift of time, that of each coordinate, and common shifts of several coordinates.
+    """Yield shifts as candidates: of time, of each coordinate, and of several coordinates together.
 
-    Common shifts move the coordinates of one axis, such as x1 and x2, or all coordinates.
+    Shifts together move the coordinates of one axis, such as x1 and x2, or all coordinates.
     """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
@@ -381,7 +389,7 @@ def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield rotations: of all bodies with coordinates such as x1 and y1 together, and of pairs of other coordinates."""
+    """Yield rotations as candidates: of all pairs such as x1 and y1 together, and of single pairs of others."""
     bodies: dict[str, dict[str, int]] = {}
     turning = [rotation_name(q) is not None for q in stated.statement.coordinates]
     for i, name in enumerate(stated.statement.names):
@@ -399,7 +407,7 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, place: BodyPosition) -> Iterator[Symmetry]:
-    """Yield the shifts along fixed axes, and the rotations about them, of one body in curved coordinates."""
+    """Yield the shifts along fixed axes, and the rotations about them, of one body in curvilinear coordinates."""
     if place.r == tuple(stated.q):
         return
     r = Matrix([*place.r, *([S.Zero] * (3 - len(place.r)))])
@@ -414,7 +422,7 @@ def body_motions(stated: StatedAlgebra, place: BodyPosition) -> Iterator[Symmetr
 
 
 def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Symmetry]]:
-    """Yield each rotation, True for an axis of the body, the axis 0, 1 or 2, and the symmetry of turns about it."""
+    """Yield (rotation, True if the axis is fixed in the body, axis 0 to 2, symmetry of turns about the axis)."""
     by_coordinate = dict(zip(stated.statement.coordinates, stated.q, strict=True))
     for each in map(rotation_of, stated.statement.rotations):
         q = [by_coordinate[entry] for entry in each.quaternion]
@@ -426,7 +434,7 @@ def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Sym
 
 
 def _reduced(given: Any) -> Any:
-    """Return an expression with sin^2 + cos^2 = 1 used in the way that makes it shorter."""
+    """Return an expression shortened by sin^2 + cos^2 = 1."""
     expanded = expand(given)
     waves = expanded.atoms(sin)
     ways = [

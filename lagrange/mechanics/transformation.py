@@ -1,6 +1,6 @@
-"""Systems in other coordinates: point transformations in everything that was stated, and Routh's procedure.
+"""Systems in other coordinates: point transformations of everything that was stated, and Routh's procedure.
 
-Routh's procedure leaves ignorable coordinates out, and rebuilds them along a run.
+Routh's procedure removes ignorable coordinates, and computes them again along a run.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ START_RESIDUAL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """Old coordinates `gone` as expressions in `new` ones, in others that stay, parameters and t."""
+    """A transformation: old coordinates `gone` as expressions in `new` ones, other coordinates, parameters and t."""
 
     statement: Statement
     gone: tuple[Any, ...]
@@ -55,7 +55,7 @@ class Transformation:
 
     @cached_property
     def coordinates(self) -> tuple[Any, ...]:
-        """The coordinates of the new statement. The new ones are at the index of the first replaced one."""
+        """The coordinates of the new statement. The new ones are at the index of the first one that they replace."""
         left = [q for q in self.statement.coordinates if q not in self.gone]
         first = min(self.statement.coordinates.index(q) for q in self.gone)
         before = [q for q in self.statement.coordinates[:first] if q in left]
@@ -73,17 +73,17 @@ class Transformation:
         return table
 
     def back(self, given: Any) -> Any:
-        """Return an expression in plain symbols as a user writes it."""
+        """Return an expression in plain symbols with the user's functions of time in their place."""
         return printable(given).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
 
     @cached_property
     def old(self) -> tuple[Any, ...]:
-        """Values of the old coordinates, as expressions in plain symbols of the new ones."""
+        """The old coordinates as expressions in plain symbols of the new ones."""
         return tuple(differentiable(x.xreplace(self.plain)) for x in self.expressions)
 
     @cached_property
     def slopes(self) -> Any:
-        """dx/dq of the old coordinates by all new ones, (m, n)."""
+        """Derivatives (m, n) of the old coordinates by all coordinates of the new statement."""
         return sympy.Matrix([[x.diff(self.plain[q]) for q in self.coordinates] for x in self.old])
 
     def rate(self, given: Any) -> Any:
@@ -103,7 +103,7 @@ class Transformation:
         return replacements
 
     def put(self, given: Any) -> Any:
-        """Return a stated expression with the new coordinates put in."""
+        """Return a stated expression in the new coordinates."""
         if not given.has(*self.gone, *self.positive):
             return given
         return self.back(simplest(printable(given.xreplace(self.table))))
@@ -153,7 +153,7 @@ def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
 
 
 def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
-    """Return the initial state of the coordinates that stay, and the user's values for the new ones."""
+    """Return the initial state by coordinate and velocity: `kept`, overlaid with the user's values in `initial`."""
     if not isinstance(initial, Mapping):
         raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
     return {**kept, **initial}
@@ -162,7 +162,7 @@ def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     """Return the initial state (q, v) in new coordinates that the transformation maps to the old one.
 
-    Of several, one with positive lengths is preferred, then the one with the smallest coordinates. Raises
+    Of several states, one with positive lengths is preferred, then the one with the smallest coordinates. Raises
     StatementError if no such state is found, or if parameters have no values.
     """
     old, n = change.statement, len(made.coordinates)
@@ -214,7 +214,10 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
 
 
 def _preference(end: FloatArray, angles: Sequence[bool]) -> tuple[int, float]:
-    """Return a sort key of solutions: those with positive lengths first, then those with small values."""
+    """Return a sort key for solutions: those with positive lengths come first, then those with small values.
+
+    `angles` is true for coordinates that are angles, not lengths.
+    """
     negative = sum(x < -START_RESIDUAL for x, angle in zip(end, angles, strict=True) if not angle)
     return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
 
@@ -226,7 +229,10 @@ def _is_angle(change: Transformation, coordinate: Any) -> bool:
 
 
 def _transformation(statement: Statement, given: Mapping[Any, Any], positive: Any) -> Transformation:
-    """Return the transformation that the user states. Raises StatementError if it is not one."""
+    """Return the user's transformation. Raises StatementError if it is not one.
+
+    `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    """
     if not isinstance(given, Mapping) or not given:
         raise StatementError(
             "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin(phi)}, "
@@ -293,7 +299,7 @@ def _check_regular(change: Transformation) -> None:
 
 
 def _forces(change: Transformation) -> dict[Any, Any]:
-    """Return the generalized forces on the new coordinates, of equal virtual work."""
+    """Return the generalized forces on the new coordinates, which do the same virtual work."""
     statement = change.statement
     read = read_with(statement, change.coordinates)
     pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
@@ -310,7 +316,10 @@ def _forces(change: Transformation) -> dict[Any, Any]:
 
 
 def _check(change: Transformation, made: Statement, model: Model) -> None:
-    """Compare the new momenta and forces with those of the compiled model: P = p dx/dq, F = f dx/dq + p dv/dq."""
+    """Compare the new momenta P = p dx/dq and forces F = f dx/dq + p dv/dq with those of the compiled model.
+
+    p and f are the momenta and forces in the old coordinates. Raises RunError if they differ.
+    """
     old, form = change.statement, PlainForm(made)
     same = {change.plain[key]: form.plain[key] for q in made.coordinates for key in (q, velocity_of(q))}
     whole = [change.table[q].xreplace(same) for q in old.coordinates]
@@ -339,7 +348,7 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Routh:
-    """The parts of Routh's procedure for the coordinates at `places`, in plain symbols."""
+    """Routh's procedure in plain symbols: its parts for the ignored coordinates, whose indices are `places`."""
 
     form: PlainForm
     places: tuple[int, ...]
@@ -348,7 +357,7 @@ class Routh:
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
-        """Replacement of the ignored coordinates by zero. No formula depends on them."""
+        """Replacement of the ignored coordinates by zero, since no formula depends on them."""
         return {self.form.q[i]: sympy.S.Zero for i in self.places}
 
     @cached_property
@@ -358,7 +367,7 @@ class Routh:
 
     @cached_property
     def shifted(self) -> Any:
-        """The column p_I - b: momenta of the ignored coordinates, less their values at zero ignored velocities."""
+        """The column p_I - b of the ignored coordinates: momenta minus their values at zero ignored velocities."""
         rest = [self.form.momenta[i].xreplace(self.still | self.gone) for i in self.places]
         return sympy.Matrix([p - b for p, b in zip(self.symbols, rest, strict=True)])
 
@@ -376,7 +385,7 @@ class Routh:
 
     @cached_property
     def routhian(self) -> tuple[Any, Any]:
-        """The part of R with velocities, and the effective potential."""
+        """Routh's function R in two parts: the terms with velocities, and the effective potential."""
         at_rest = dict.fromkeys(self.form.v, sympy.S.Zero)
         mass = self.form.mass.extract(list(self.places), list(self.places)).xreplace(self.gone)
         half = half_square(mass, self.inverted, self.shifted)
@@ -387,7 +396,7 @@ class Routh:
 
 
 def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
-    """Return the indices of coordinates, each of which is a coordinate or its name."""
+    """Return the indices of coordinates that are given by symbol or by name."""
     if not wanted:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
     indices = [statement.names.index(coordinate_name(key, statement.names)) for key in wanted]
@@ -399,7 +408,7 @@ def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
 
 
 def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
-    """Return Routh's procedure for some coordinates. Raises StatementError if one of them is not ignorable."""
+    """Return Routh's procedure that ignores some coordinates. Raises StatementError if one of them is not ignorable."""
     places, form = places_of(statement, wanted), PlainForm(statement)
     for i in places:
         _check_ignorable(form, i)
@@ -416,7 +425,7 @@ def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
 
 
 def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
-    """Return the statement without ignorable coordinates, whose momenta are parameters; tested against the model."""
+    """Return the statement without ignorable coordinates, tested against the model. Their momenta become parameters."""
     routh = routh_of(statement, wanted)
     values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.places, strict=True)}
     smaller = _without_ignored(routh, statement, values)
@@ -430,9 +439,9 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
 
 
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
-    """Return the statement without ignored coordinates; `routh` is of the statement, or of its reading in turns.
+    """Return the statement without ignored coordinates; `routh` is that of the statement or of its `reading`.
 
-    `values` are those of the momenta at the initial state.
+    `values` are the values of the momenta at the initial state, by name.
     """
     form, indices = routh.form, routh.places
     gone = [form.statement.coordinates[i] for i in indices]
@@ -462,7 +471,7 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
 
 
 def _check_ignorable(form: PlainForm, i: int) -> None:
-    """Raise StatementError, with the rate of the momentum, if the momentum of a coordinate is not constant."""
+    """Raise StatementError if the momentum of coordinate number `i` is not constant; the message states its rate."""
     statement, name = form.statement, form.statement.names[i]
     slope = form.lagrangian.diff(form.q[i])
     if not vanishes(form, slope):
@@ -490,7 +499,7 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
 
 
 def _check_routhian(routh: Routh, model: Model) -> None:
-    """Compare the velocities of the ignored coordinates, and minus dR/dq as forces, with the compiled model."""
+    """Compare velocities of ignored coordinates, and forces and momenta of the others, with the compiled model."""
     form = routh.form
     kinetic, potential = routh.routhian
     left = [i for i in range(len(form.q)) if i not in routh.places]
@@ -519,7 +528,7 @@ INTEGRAL_TOLERANCE = 1e-12
 def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
     """Return ignored coordinates and their velocities at the output times of a `Solution` of the Routhian, (N,) each.
 
-    They start at the initial values of the statement. Raises StatementError for a run of another system.
+    The coordinates start at the initial values of the statement. Raises StatementError for a run of another system.
     """
     small = getattr(getattr(solution, "model", None), "statement", None)
     missing = [] if small is None else [q for q in statement.coordinates if q not in small.coordinates]
@@ -539,15 +548,16 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
 
 
 def _speed(solution: Any, rate: Any, times: FloatArray) -> FloatArray:
-    """Return the velocity of an ignored coordinate at times (K,) of a run."""
+    """Return the velocity of an ignored coordinate, with the formula `rate`, at times (K,) of a run."""
     model: Model = solution.model
     return model.evaluate_expression(rate, times, solution.at(times), solution.parameters)
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
-    """Return the integral of a velocity from the first time to each of `times`, (N,).
+    """Return the integral of a velocity from the first of `times` to each of them, (N,).
 
-    All intervals are halved together until the estimated error is below `INTEGRAL_TOLERANCE`.
+    All intervals are halved together until the estimated error is below `INTEGRAL_TOLERANCE`. `name` is that of the
+    coordinate, for errors.
     """
     lengths = np.diff(times)
     if not len(lengths):

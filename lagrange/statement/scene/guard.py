@@ -64,7 +64,7 @@ class Guard:
         return self.varies[expression]
 
     def enter(self, node: Any) -> None:
-        """Called for each node after its check. It does nothing here; a subclass examines the node further."""
+        """Examine a node further after its check, in a subclass. Do nothing here."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
         """Return `build(*parts)`; `build` is sympy.Add or sympy.Mul. Many parts are built and checked in chunks."""
