@@ -89,6 +89,21 @@ def test_formulas_in_prose_are_an_answer() -> None:
     assert not shared_scene("pendulum").compare(prose % "+")
 
 
+@pytest.mark.parametrize(
+    "remark",
+    [
+        ", so the equilibrium is at cos theta = g/(2 l)",
+        "\nAt equilibrium theta'' = 0.",
+        "\nSo the bottom is stable for g > 0.",
+        "\nIt is stable if $0 \\leq g/l$.",
+    ],
+)
+def test_remarks_on_equilibria_and_inequalities_are_not_judged(remark: str) -> None:
+    assert shared_scene("pendulum").compare("theta'' = -(g/l) sin(theta)" + remark)
+    wrong = shared_scene("pendulum").compare("theta'' = (g/l) sin(theta)" + remark)
+    assert (not wrong and "sign" in wrong.message) or "place of g" in wrong.message
+
+
 SLIPS = {
     "theta'' - g/l sin theta": "All is right with -g in place of g",
     "theta'' + (g/l) cos theta = 0": "All is right with sine and cosine exchanged.",

@@ -92,6 +92,11 @@ def test_last_states_are_drawn_beside_states_at_output_times() -> None:
     assert fans.plot("theta_end").axes[1].get_ylabel() == r"$\theta$ at the end"
 
 
+def test_a_fan_over_time_names_the_state_and_not_its_start() -> None:
+    fans = lg.ensemble(pendulum(), 3.0, {"theta": [0.5, 1.0, 1.5]}, t_eval=[0.0, 1.0, 3.0])
+    assert fans.plot("theta").axes[0].get_ylabel() == r"$\theta$"
+
+
 def test_a_card_has_the_picture_and_the_first_failure() -> None:
     runs = lg.ensemble(lg.scene("henon-heiles"), 15.0, lg.grid({"x": (0.0, 1.0, 6)}))
     assert repr(runs).startswith("henon-heiles: 6 members, varying x\nmethod") and "member 2  taylor stopped" in repr(

@@ -274,4 +274,4 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
         axis.plot(times, bands[-1], color=look.colours[0], linewidth=1.6)
         dress(axis, look, _title(runs, f"median, middle half and nine tenths of {len(runs):,} runs"))
     axis.set_xlabel(label_of(runs, "t"))
-    axis.set_ylabel(label_of(runs, name))
+    axis.set_ylabel(label_of_entry(runs.model.statement, name) if name in runs.names else label_of(runs, name))

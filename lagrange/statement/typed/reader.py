@@ -57,7 +57,7 @@ _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re
 """Words and signs on a line with an equation for small motions."""
 
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
-"""Words before a colon after which an equation holds at rest only."""
+"""Words before an equation that holds at rest only."""
 
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
 """Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one."""
@@ -179,7 +179,7 @@ class TypedReader:
     def _all(self, text: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
         """Return the equations of clauses. Raises StatementError for faults, and if all clauses are remarks."""
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
-        exact = any(self.names.order(one.tokens) > 1 and not self._is_small(text, one) for one in clauses)
+        exact = any(self.names.order(one.tokens) > 1 and not self._is_special(text, one) for one in clauses)
         for clause in clauses:
             if clause.is_value():
                 continue
@@ -188,7 +188,8 @@ class TypedReader:
             narrow = clause.equation(moves=moves)
             named = len(clause.tokens) == 3 and self._is_integral(*clause.sides())  # x' = v
             aside = not moves and (clause.aside or introduced or named or narrow[0] > clause.begin)
-            aside |= exact and self._is_small(text, clause)
+            special = exact and self._is_special(text, clause)
+            aside |= special
             try:
                 equations = self._without_remarks(clause, *narrow)
             except _Faults as error:
@@ -196,7 +197,7 @@ class TypedReader:
                 words = [side for side in clause.part(*narrow).sides() if any(one.kind == "word" for one in side)]
                 foreign = [self._is_foreign(side) for side in words]
                 left_out = clause.is_law(clause.begin, clause.end) or introduced or (len(foreign) > 0 and all(foreign))
-                left_out |= (any(foreign) and remark) if moves else (any(foreign) or remark)
+                left_out |= special or ((any(foreign) and remark) if moves else (any(foreign) or remark))
                 (remarks if left_out else faults).extend(error.faults)
                 continue
             line = _line(text, clause.begin)
@@ -221,9 +222,11 @@ class TypedReader:
         return bool(colon and sentence and not rest.strip())
 
     @staticmethod
-    def _is_small(text: str, clause: Clause) -> bool:
-        """Return True if the line of a clause says that it holds for small motions."""
-        return bool(_SMALL.search(text, text.rfind("\n", 0, clause.begin) + 1, clause.end))
+    def _is_special(text: str, clause: Clause) -> bool:
+        """Return True if the line of a clause says that it holds for small motions, or before its sign =, at rest."""
+        line = text.rfind("\n", 0, clause.begin) + 1
+        equality = text.find("=", clause.begin, clause.end)
+        return bool(_SMALL.search(text, line, clause.end) or _STILL.search(text, line, max(equality, line)))
 
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""

@@ -56,6 +56,7 @@ _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
 """Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"."""
 
+_INEQUALITY = re.compile(r"(?<![-=<])[<>](?![=>])|[<>]=|[≤≥]|\\(?:[lg]eq?|[lg]t)(?![A-Za-z])")
 _NEVER = re.compile(r"[=^|\\]")
 _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
@@ -244,6 +245,8 @@ class Clause:
         if introduces:
             return sentence
         kinds = [word.kind for word in self.words]
+        if _INEQUALITY.search(self.text, self.begin, self.end):
+            return True
         left, equality, _ = self.shown.partition("=")
         if not equality:
             bare = not _SIGNS.search(self.shown) and FORMULA not in kinds
