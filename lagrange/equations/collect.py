@@ -1,4 +1,7 @@
-"""Shorten sums of monomials as a textbook would: cancel common factors, group like motions, factor coefficients."""
+"""Shorten sums of monomials as a textbook would: cancel common factors, group like motions, factor coefficients.
+
+A motion is here a product of velocities, accelerations and functions.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ HIGHEST = 3
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-    """Return numerator and denominator without their common factor; factors of the algebra count as variables.
+    """Return numerator `above` and denominator `below` without their common factor. Factors count as variables.
 
     No factor may divide all terms of `below`.
     """
@@ -44,7 +47,7 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
     """Return the coefficients of `above` as a polynomial in the factors that `below` does not contain.
 
-    A common factor of `above` and `below` divides every coefficient.
+    A common factor of `above` and `below` divides each of these coefficients.
     """
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}
@@ -55,7 +58,7 @@ def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
 
 
 def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with powers of the same sum in parentheses merged wherever that leaves fewer terms."""
+    """Return the sum with different powers of the same sum in parentheses merged, if this leaves fewer terms."""
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
         if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):
@@ -64,10 +67,9 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
-    """Return True if merging terms by factor `k` may shorten the sum.
+    """Return True if merging terms with powers of factor `k`, a sum in parentheses, may shorten the whole sum.
 
-    The factor is a sum in parentheses with different exponents in `terms`: one is whole, or there are enough such
-    terms.
+    This needs different exponents of the factor in `terms`, or a whole exponent, or as many terms as the factor has.
     """
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
@@ -75,7 +77,7 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Merge terms that differ only in the power of factor `k`, or of its symbols, if the sum becomes shorter."""
+    """Merge terms that differ only in the power of factor `k`, or of symbols in it, if the sum becomes shorter."""
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():
@@ -89,7 +91,10 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
 
 
 def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
-    """Return the group with the lowest power of factor k taken out and divided by k while possible, if shorter."""
+    """Return a group of terms with the lowest power of factor `k` taken out, if this leaves fewer terms.
+
+    The rest is multiplied out, and divided by the factor while there is no remainder.
+    """
     exponents = [dict(monomial).get(k, 0) for monomial in group]
     lowest, highest = min(exponents), max(exponents)
     if len(group) < 2 or lowest >= 1 or highest - lowest > HIGHEST:
@@ -128,10 +133,10 @@ def _joined(left: Monomial, right: Monomial) -> Monomial:
 
 
 class _Variables:
-    """Translates sums into polynomials and back.
+    """Translates sums of monomials into SymPy polynomials and back.
 
-    Each factor is a variable; a factor with fractional exponents is the power of one. The lowest power of each factor
-    is taken out first, in all sums alike, so that no exponent is negative.
+    Each factor becomes a variable; a factor with fractional exponents is a power of its variable. The lowest power of
+    each factor is taken out of all sums first, so that no exponent is negative.
     """
 
     def __init__(self, sums: Sequence[MonomialSum]) -> None:
@@ -145,11 +150,11 @@ class _Variables:
 
     @property
     def degree(self) -> int:
-        """Product over the variables of the largest degree plus one."""
+        """Product of (largest degree + 1) over all variables: a bound on the number of terms."""
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
-        """Return the polynomial of a sum, whose exponents are shifted by the lowest powers."""
+        """Return the polynomial of a sum, with exponents shifted by the lowest powers."""
         coefficients = {}
         for monomial, value in terms.items():
             powers = dict(monomial)
@@ -158,7 +163,7 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a quotient of two such polynomials as a sum; their shifts of exponents cancel."""
+        """Return the quotient of two such polynomials as a sum. The shifts of their exponents cancel."""
         return {
             tuple(
                 (k, _whole(Rational(e, self.roots[k]))) for k, e in zip(self.factors, exponents, strict=True) if e != 0
@@ -184,9 +189,9 @@ _BESIDE = sympy.Dummy("motion")
 
 
 class Collector:
-    """Writes `MonomialSum` of one algebra.
+    """Writes sums of monomials (`MonomialSum`) of one algebra as SymPy expressions.
 
-    `moving` are the symbols that vary: the positions, velocities, accelerations and time.
+    `moving` are the symbols that vary in time: positions, velocities, accelerations and the time.
     """
 
     def __init__(self, algebra: Algebra, positions: frozenset[Any], moving: frozenset[Any]) -> None:
@@ -196,7 +201,7 @@ class Collector:
         self._factored: dict[Any, Any] = {}
 
     def write(self, terms: MonomialSum) -> Any:
-        """Return the sum, grouped by velocities, accelerations and functions, in each group by coordinates."""
+        """Return the sum as an expression: grouped by velocities, accelerations and functions, then by coordinates."""
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
         groups: dict[Monomial, dict[Monomial, MonomialSum]] = {}
         for monomial, number in terms.items():
@@ -225,12 +230,15 @@ class Collector:
         return divided if apart else fraction
 
     def _divides_all(self, terms: MonomialSum) -> bool:
-        """Return True if the same moving factors divide every term, as r in -(2*v*w + g*sin(q))/r."""
+        """Return True if every term has the same moving factors in its denominator, as r in -(2*v*w + g*sin(q))/r."""
         below = {tuple((k, e) for k, e in term if e < 0 and self.algebra.free(k) & self.moving) for term in terms}
         return len(below) == 1 and () not in below
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-        """Return the one-term common factor and the rest, in which sums that are now whole powers are expanded."""
+        """Return the common factor (a sum of one term) and the rest.
+
+        Sums in the rest with whole powers are expanded.
+        """
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
         more, extracted, rest = common_factor(unfolded)
@@ -266,9 +274,9 @@ class Collector:
         return Mul(expanded, motion)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return number, monomial and rest of a sum.
+        """Return a sum as three factors: number, monomial and rest.
 
-        Multiply them in one call: SymPy distributes a number over a single sum.
+        Multiply all three in one call: SymPy distributes a number over a single sum.
         """
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
@@ -295,5 +303,8 @@ class Collector:
 
 
 def _shared(base: Any, powers: list[Any]) -> bool:
-    """Return True if a sum in parentheses, to a positive integer power, is a factor of every term."""
+    """Return True if `base` is a sum and a factor of every term, with positive integer powers.
+
+    `powers` has {factor: exponent} of each term.
+    """
     return bool(base.is_Add) and all(base in power and power[base].is_Integer and power[base] > 0 for power in powers)

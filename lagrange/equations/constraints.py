@@ -1,9 +1,9 @@
 """Constraints as graph nodes: on velocities G v + b = 0, and on accelerations G a + gamma = 0.
 
-A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. A constraint that is
-stated in velocities is psi itself. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The generalized
-forces of a constraint are G^T lambda: for constraints that are linear in velocities this is d'Alembert's principle, for
-others Chetaev's rule.
+A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. For a constraint that is
+stated in velocities, psi is the stated expression. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The
+generalized forces of a constraint are G^T lambda: for constraints that are linear in velocities this is d'Alembert's
+principle, for others Chetaev's rule.
 Source: J. G. Papastavridis, Analytical Mechanics, 2nd ed., 2014, sections 2.4, 3.5 and 5.2.
 """
 
@@ -26,10 +26,10 @@ TERM_ROUND_OFF = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ConstraintEquations:
-    """The m constraints of n coordinates.
+    """The m constraints of n coordinates, as nodes.
 
-    `positions` has phi of each holonomic constraint and None for the others, `velocities` psi, `gradient` the m rows of
-    G, and `bias` gamma. `rest` is psi with all velocities zero.
+    `positions` has phi of each holonomic constraint, and None for the others. `velocities` has psi, `gradient` the m
+    rows of G, and `bias` gamma. `rest` is psi with all velocities zero.
     """
 
     names: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class ConstraintEquations:
 
     @property
     def workless(self) -> bool:
-        """True if all are linear and homogeneous in the velocities, so that their forces do no work."""
+        """True if all constraints are linear and homogeneous in the velocities, so that their forces do no work."""
         return not self.nonlinear and all(rest is rest.graph.zero for rest in self.rest)
 
     @property
@@ -63,7 +63,7 @@ class ConstraintEquations:
         return self.part(range(len(self) - count, len(self)))
 
     def joined(self, other: ConstraintEquations) -> ConstraintEquations:
-        """Return these constraints, then others."""
+        """Return these constraints, followed by the constraints `other`."""
         return ConstraintEquations(*(a + b for a, b in zip(self._entries, other._entries, strict=True)))
 
     @property
@@ -80,7 +80,7 @@ class ConstraintEquations:
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a constraint whose derivatives by the velocities are all the zero node."""
+    """Raise StatementError for a constraint that contains no velocity: its row of G consists of zero nodes."""
     for constraint, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
             raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))
@@ -105,7 +105,10 @@ def empty_constraint(name: str, value: float, size: float) -> str:
 def constraint_equations(
     stated: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> ConstraintEquations:
-    """Return the constraint equations of expressions by name; `holonomic` has a flag for each."""
+    """Return the constraint equations of the expressions `stated`, by name.
+
+    `holonomic` has a flag for each expression: True for phi(q, t), False for psi(q, v, t).
+    """
     if not stated:
         return ConstraintEquations()
     graph = time.graph

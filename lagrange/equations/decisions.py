@@ -1,9 +1,10 @@
 """Decisions on whether laws are independent of time, coordinates or velocities: proven, disproven, or undecided.
 
-A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So there are three
-tests, in this order. A law is independent of a symbol that does not appear in it. Else derivatives are evaluated at
-random states in many digits: a value other than zero disproves. Values of zero are proven by algebra, or the question
-stays undecided. The degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
+If a Lagrangian is stated through positions, angles and time may appear in terms that cancel. So there are three tests,
+in this order. A law is independent of a symbol that does not appear in it. Otherwise its derivatives are evaluated at
+random states in many digits: a value other than zero disproves independence. If all values are zero, algebra tries to
+prove it; if this fails, the question is undecided. The degrees of T, or of L, in the velocities decide whether the
+energy v.p - L is T + V.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ digits."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Return True if every term of T as stated is of second degree; no algebra is done."""
+    """Return True if every term of T as stated is of second degree in the velocities. No algebra is done."""
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 
 def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
-    """Return the common degree of all terms in the velocities; None if terms differ or it is not visible."""
+    """Return the common degree of all terms in the velocities. None if terms differ or a degree cannot be read off."""
     if node in velocities:
         return 1
     if node.is_Mul or node.is_Add:
@@ -61,7 +62,7 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
     """Return True if the form of T, or of L stated alone, shows that v.p - L differs from T + V.
 
-    It then has the terms of a rotating frame. Raises TooLargeError for a Lagrangian that is too long.
+    L then has the terms of a rotating frame. Raises TooLargeError for a Lagrangian that is too long.
     """
     if visibly_homogeneous(statement):
         return False
@@ -69,18 +70,18 @@ def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
 
 
 def proven_homogeneous(stated: StatedAlgebra) -> bool:
-    """Return True if v . dT/dv = 2 T is proven."""
+    """Return True if v . dT/dv = 2 T is proven: T is homogeneous of second degree in the velocities."""
     algebra, kinetic = stated.algebra, stated.read(stated.statement.kinetic)
     slopes = [algebra.multiply(algebra.differentiate(kinetic, v), stated.symbol(v)) for v in stated.v]
     return is_identity(algebra, algebra.add(algebra.scale(kinetic, sympy.Integer(-2)), *slopes))
 
 
 def seen_mixed(statement: Statement) -> bool:
-    """Return True if values of T show terms of other degrees than 1 and 2 in the velocities.
+    """Return True if values of T show that it has terms whose degree in the velocities is not 1 or 2.
 
-    The sum T(v) + T(-v) has no terms of first degree, which are allowed: a charge in a field has them. Terms of second
-    degree become four times as large at doubled velocities; any other factor shows other terms. False if T contains
-    undefined functions.
+    Terms of first degree are allowed: a charge in a field has them. T(v) + T(-v) does not contain them. In this sum,
+    terms of second degree become four times as large at doubled velocities; any other factor shows other terms. The
+    result is False if T contains undefined functions.
     """
     draw = random.Random(1)
     fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), LAW_DIGITS) for leaf in (*statement.parameters, t)}
@@ -102,7 +103,7 @@ def seen_mixed(statement: Statement) -> bool:
 def seen_turning(stated: StatedAlgebra) -> bool:
     """Return True if L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, of which the last are centrifugal.
 
-    L of a charge in a field also has terms of first degree and of degree zero, but not the centrifugal ones. Terms are
+    L of a charge in a field also has terms of first degree and of degree zero, but no centrifugal terms. Terms are
     compared one by one: a centrifugal term that was merged with another term is not recognised.
     """
     algebra, n = stated.algebra, len(stated.q)
@@ -157,7 +158,10 @@ Values = dict[Node, Any]
 
 @dataclass(frozen=True, eq=False)
 class StatedLaws:
-    """Expressions of the laws as graph nodes: `extra` is Q - dD/dv, `forces` is dL/dq + extra, and M a = `bias`."""
+    """Expressions of the equations of motion as graph nodes.
+
+    `extra` is Q - dD/dv, `forces` is dL/dq + extra, and `bias` is the right-hand side of M a = bias.
+    """
 
     q: tuple[Node, ...]
     v: tuple[Node, ...]
@@ -174,7 +178,7 @@ class StatedLaws:
 
 @dataclass(frozen=True, eq=False)
 class Decisions:
-    """Decisions about the laws of a statement, each made when it is first read."""
+    """Decisions about the equations of a statement. Each is made when it is first read."""
 
     statement: Statement
     laws: StatedLaws
@@ -191,11 +195,11 @@ class Decisions:
         )
 
     def absent(self, i: int) -> bool:
-        """Return True if the Lagrangian as stated does not contain q_i."""
+        """Return True if the Lagrangian as stated does not contain the coordinate q_i."""
         return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
-        """Return True if dL/dq_i = 0, None if undecided, for a coordinate without force or dissipation."""
+        """Return True if dL/dq_i = 0, None if undecided. Coordinate i must have no force and no dissipation."""
         slope = self.laws.forces[i]
         return self._decided(
             self.absent(i), lambda point: _differs([slope], point), lambda stated: self._proven_cyclic(stated, i)
@@ -205,7 +209,7 @@ class Decisions:
     def powerless(self) -> Verdict:
         """True if the power -dL/dt + (Q - dD/dv) . v is zero, None if undecided.
 
-        It is the rate of the energy if constraints do no work.
+        The power is the rate of change of the energy if constraints do no work.
         """
         if self.power_seen is not None or self._has_power:
             return self.power_seen
@@ -215,7 +219,10 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """The verdict of `powerless` as far as absent symbols and numbers decide it, else None. No algebra is done."""
+        """The result of `powerless` if absent symbols or values at random states decide it, else None.
+
+        No algebra is done.
+        """
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
             return True
@@ -230,7 +237,7 @@ class Decisions:
 
     @cached_property
     def _has_power(self) -> bool:
-        """True if the power differs from zero at some state, on the constraints or off them."""
+        """True if the power differs from zero at some random state, whether it satisfies the constraints or not."""
         return any(self._power(point) for point in self._points)
 
     @property
@@ -240,7 +247,7 @@ class Decisions:
 
     @cached_property
     def homogeneous(self) -> Verdict:
-        """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V.
+        """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V; None if undecided.
 
         Terms of first degree, such as those of a charge in a field, are ignored: v.p - L is then V plus the terms of T
         of second degree. For a Lagrangian stated alone: False if it has the terms of a rotating frame, else None.
@@ -273,9 +280,9 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """True if the mass matrix is constant and M a is free of velocities, so that accelerations are too.
+        """True if the mass matrix is constant and M a does not depend on velocities, so that a does not either.
 
-        None if undecided, and with constraints, whose forces may depend on velocities.
+        None if undecided. None also with constraints, whose forces may depend on velocities.
         """
         laws = self.laws
         if len(laws.constraints):
@@ -291,9 +298,9 @@ class Decisions:
         number: Callable[[Values], bool | None],
         proof: Callable[[StatedAlgebra], bool],
     ) -> Verdict:
-        """Return the verdict on a property: True if `absent`, or if `proof` succeeds within the budget.
+        """Return the decision on a property: True if `absent`, or if `proof` succeeds within the budget.
 
-        False if `number` is True at a random state, which is a counterexample. Else None.
+        False if `number` returns True at a random state, which is a counterexample. Else None.
         """
         if absent:
             return True
@@ -341,9 +348,9 @@ class Decisions:
         return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
-        """Return the partial time derivative of a node, by a central difference, and the size of its terms.
+        """Return the partial time derivative of a node by a central difference, and the size of its terms.
 
-        The result is None if the node has no value.
+        Return None if the node has no value at the point.
         """
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
@@ -361,19 +368,22 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _pushes(self, point: Values) -> bool | None:
-        """Return True if M a changes with the velocities at a point; None without values."""
+        """Return True if M a changes with the velocities at a point; None if it has no value."""
         other = {**point, **{v: point[v] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for v in self.laws.v}}
         return self._differ(self.laws.bias, point, other)
 
     def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
-        """Return True if nodes change with positions and time, and with `velocities` also with the velocities."""
+        """Return True if nodes change when positions and time are changed from a point; None without values.
+
+        With `velocities` the velocities are changed too.
+        """
         laws = self.laws
         moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
         other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
         return self._differ(nodes, point, other)
 
     def _differ(self, nodes: Sequence[Node], point: Values, other: Values) -> bool | None:
-        """Return True if some node has another value at another point; None without values."""
+        """Return True if some node has different values at the two points; None if it has no value."""
         ends = [values(nodes, at, CONTEXT) for at in (point, other)]
         if ends[0] is None or ends[1] is None:
             return None
@@ -388,7 +398,7 @@ class Decisions:
         return False if any(self._power(state) for state in states if state is not None) else None
 
     def _held(self, point: Values) -> Values | None:
-        """Return a point near the given one that satisfies the constraints.
+        """Return a point near `point` that satisfies the constraints, or None.
 
         Positions are corrected first, then velocities.
         """
@@ -405,7 +415,10 @@ class Decisions:
         return point
 
     def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
-        """Return the point with some of its symbols corrected by Newton's method until the constraints hold."""
+        """Return the point with values of `symbols` corrected by Newton's method until the constraints hold, or None.
+
+        `rows` are the indices of the constraints, and `zeros` the expressions that must become zero.
+        """
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
         for _ in range(LAW_CORRECTIONS if zeros else 0):
             evaluated = values([*zeros, *gradient], point, CONTEXT)
@@ -472,7 +485,7 @@ class Decisions:
         return self._still(stated, sides, stated.v)
 
     def _still(self, stated: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
-        """Return True if it is proven that the parts do not depend on the symbols."""
+        """Return True if it is proven that the sums `parts` do not depend on the symbols."""
         slopes = (stated.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
         return not stated.jumps(*symbols, twice=True) and all(_vanishes(stated, slope) for slope in slopes)
 
@@ -483,7 +496,7 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
 
 
 def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
-    """Return True if one of the nodes differs from zero at a point; None if they have no value there."""
+    """Return True if one of the nodes is not zero at a point; None if the nodes have no values there."""
     evaluated = values(nodes, point, CONTEXT)
     return None if evaluated is None else any(abs(value) > ZERO_SHARE * evaluated[1] for value in evaluated[0])
 

@@ -1,4 +1,7 @@
-"""The equations of motion as in a textbook, for people to read. Derived independently of the compiled graph."""
+"""The equations of motion as in a textbook, for people to read.
+
+They are derived independently of the compiled graph.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ HALF = Rational(1, 2)
 class MassPoint:
     """A named point of `positions` that has mass: its position and velocity, (2,) or (3,), and T = mass speed^2 / 2.
 
-    The velocity is merged and collected; the position is as it was stated.
+    The velocity is simplified; the position is shown as it was stated.
     """
 
     name: str
@@ -54,10 +57,10 @@ class MassPoint:
 
 
 def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
-    """Return the points for which a term of the stated T is half a mass times the square of their velocity.
+    """Return the points for which a term of the stated T is half a mass times the square of the point's velocity.
 
-    Each term is the energy of one point at most. There are none if each component of all their velocities is a constant
-    times the velocity of a coordinate: showing these explains nothing.
+    Each term is the energy of at most one point. If each component of all velocities is a constant times the velocity
+    of a coordinate, the result is empty: showing these velocities explains nothing.
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
     points, plain = [], True
@@ -77,7 +80,7 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
 
 
 def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:
-    """Yield (mass, index) of the terms that are mass * squared / 2 with a constant mass."""
+    """Yield (mass, index) for each of the terms that equals mass * squared / 2 with a constant mass."""
     if not squared:
         return
     number, monomial, rest = common_factor(squared)
@@ -95,7 +98,7 @@ def _ratio(page: TextbookAlgebra, above: Monomial, below: Monomial, number: Any)
 
 
 def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
-    """Return True if a component of a velocity is zero, or a constant times the velocity of a coordinate."""
+    """Return True if `rate`, a component of a velocity, is zero or a constant times the velocity of a coordinate."""
     if len(rate) > 1:
         return False
     moving = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
@@ -145,13 +148,13 @@ class Derivation:
         return derive, (self.statement,)
 
     def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
-        """Return the derivation with each table as a function S(argument), and a sentence on each table."""
+        """Return the derivation with each table of values written as S(argument), and a sentence on each table."""
         statement, sentences = with_named_tables(self.statement)
         return (derive(statement) if sentences else self), sentences
 
     @cached_property
     def refusal(self) -> str:
-        """Message on why the equations of motion are too large to be written out, empty if they are not."""
+        """Message that says why the equations of motion are too large to be written out; empty if they are not."""
         try:
             self._written("the equations of motion", TextbookAlgebra.require_short_slopes)
         except StatementError as error:
@@ -160,7 +163,7 @@ class Derivation:
 
     @cached_property
     def lagrangian(self) -> Any:
-        """L = T - V, merged and collected."""
+        """The Lagrangian L = T - V, merged and collected."""
         collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
         return _shorter(collected, self.kinetic - self.potential) if self._is_quoted else collected
 
@@ -175,7 +178,7 @@ class Derivation:
 
     @cached_property
     def kinetic(self) -> Any:
-        """T, merged and collected; L if that was stated alone."""
+        """The kinetic energy T, merged and collected. If L was stated alone, it is L."""
         return self._merged("the kinetic energy", self.statement.kinetic)
 
     @cached_property
@@ -199,7 +202,7 @@ class Derivation:
 
     @cached_property
     def gradient(self) -> Mapping[Any, Any]:
-        """Derivatives of L by the coordinates, {coordinate: dL/dq}."""
+        """Derivatives of L with respect to the coordinates, {coordinate: dL/dq}."""
         return self._short(
             "the derivatives of the Lagrangian",
             lambda page: map(page.show, page.pulls),
@@ -208,7 +211,7 @@ class Derivation:
 
     @cached_property
     def drag(self) -> Mapping[Any, Any]:
-        """Derivatives of the dissipation D by the velocities, {coordinate: dD/dv}."""
+        """Derivatives of the dissipation D with respect to the velocities, {coordinate: dD/dv}."""
         return self._each("the derivatives of the dissipation", lambda page: map(page.show, page.drags))
 
     @cached_property
@@ -218,7 +221,7 @@ class Derivation:
 
     @cached_property
     def equations(self) -> tuple[Any, ...]:
-        """One Eq per coordinate. Its right side has the generalized forces as stated, and those of the constraints."""
+        """One Eq for each coordinate. Its right side has the generalized forces as stated and the constraint forces."""
         lefts = self._short(
             "the equations of motion", lambda page: page.accelerated(page.remainders), self._stated_sides
         ).values()
@@ -231,14 +234,14 @@ class Derivation:
 
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
-        """One Eq per constraint, as stated: the conditions on the motion in addition to `equations`."""
+        """One Eq for each constraint, as stated: conditions on the motion in addition to `equations`."""
         return tuple(Eq(constraint.expression, 0, evaluate=False) for constraint in self.statement.constraints)
 
     @cached_property
     def constraint_forces(self) -> Mapping[str, Mapping[Any, Any]]:
-        """{constraint: {coordinate: generalized force}}, lambda times the row of G, in lambda, q, v and t.
+        """{constraint: {coordinate: generalized force}}: lambda times the row of G, in terms of lambda, q, v and t.
 
-        A row of G is dphi/dq of a holonomic constraint phi = 0, dpsi/dv of a constraint psi = 0 on velocities.
+        A row of G is dphi/dq of a holonomic constraint phi = 0, or dpsi/dv of a constraint psi = 0 on velocities.
         """
         gradient = self._written(
             "the constraint forces", lambda page: [[page.show(entry) for entry in row] for row in page.gradient]
@@ -268,8 +271,8 @@ class Derivation:
     def accelerations(self) -> Mapping[Any, Any]:
         """{coordinate: acceleration}, solved by cofactors: the only denominators are determinants of coupled blocks.
 
-        With constraints the multipliers are solved for, too, and the formulas hold on the constraints. Raises
-        StatementError for a singular matrix and for formulas that are too long to print.
+        With constraints the multipliers are solved for at the same time, and the formulas hold on the constraints.
+        Raises StatementError for a singular matrix and for formulas that are too long to print.
         """
         solved = self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
         return MappingProxyType(
@@ -277,9 +280,10 @@ class Derivation:
         )
 
     def _divided(self, place: int, solved: Any) -> Any:
-        """Return a solved acceleration as its equation, as shown, divided by its mass term by term: g - k*(s - d)/m.
+        """Return an acceleration as its shown equation, divided by its mass term by term: g - k*(s - d)/m.
 
-        Return `solved` if the equation has other accelerations or multipliers, or L is long.
+        `place` is the index of the coordinate. Return `solved` instead if the equation has other accelerations or
+        multipliers, or if L is long.
         """
         q, row = self.statement.coordinates[place], self.mass_matrix.row(place)
         mass = row[place]
@@ -291,7 +295,10 @@ class Derivation:
 
     @cached_property
     def multipliers(self) -> Mapping[str, Any]:
-        """{constraint: multiplier}, as a function of the state; raises StatementError as `accelerations` does."""
+        """{constraint: multiplier}, as functions of the state.
+
+        Raises StatementError in the cases of `accelerations`.
+        """
         solved = self._written(ACCELERATIONS, lambda page: page.motion[len(page.q) :])
         return MappingProxyType(
             {constraint.name: value for constraint, value in zip(self.statement.constraints, solved, strict=True)}
@@ -299,7 +306,7 @@ class Derivation:
 
     @cached_property
     def energy_is_sum(self) -> bool:
-        """True unless the terms of T, or its values, show that v.p - L is not T + V, as in a rotating frame."""
+        """True unless the terms of T, or values of T, show that v.p - L is not T + V, as in a rotating frame."""
         try:
             return not seen_jacobi(self.statement, self._page)
         except (TooLargeError, RecursionError):
@@ -313,15 +320,12 @@ class Derivation:
 
     @cached_property
     def _is_short(self) -> bool:
-        """True if SymPy also differentiates L as stated: it has no rotations."""
+        """True if L is short and has no rotations, so that SymPy can also differentiate it as stated."""
         return self._is_quoted and not self.statement.entries
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if the energy is T + V: T has degree two in the velocities, and V does not contain them.
-
-        False for a long L.
-        """
+        """True if L is short and the energy is T + V: T has degree two in the velocities, and V contains none."""
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -330,7 +334,7 @@ class Derivation:
         return bool(expand(kinetic.subs(stretched, simultaneous=True) - scale**2 * kinetic) == 0)
 
     def _stated_slopes(self, symbols: Sequence[Any]) -> list[Any]:
-        """Return dL/dx of L as stated, without expansion: I*(a + b) for I*(a + b)**2/2."""
+        """Return dL/dx for each of the symbols x, from L as stated and not expanded: I*(a + b) for I*(a + b)**2/2."""
         plain = self.statement.plain
         stated = {symbol: leaf for leaf, symbol in plain.items()}
         lagrangian = self.statement.lagrangian.xreplace(plain)
@@ -346,7 +350,10 @@ class Derivation:
         parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return parts by coordinate, each collected or in its stated form, whichever is shorter."""
+        """Return parts by coordinate, each in its collected or its stated form, whichever is shorter.
+
+        `what` names the parts in an error message.
+        """
         collected = self._each(what, parts)
         if not self._is_short:
             return collected
@@ -375,14 +382,17 @@ class Derivation:
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form with fewer operations, with fewer terms if these are equal, else the collected form."""
+    """Return the form with fewer operations.
+
+    If these are equal, return that with fewer terms, else the collected form.
+    """
     return stated if _length(stated) < _length(collected) else collected
 
 
 def _length(form: Any) -> tuple[int, int]:
-    """Return the number of operations and the number of terms.
+    """Return the number of operations and the number of terms of an expression.
 
-    A common denominator counts once more for each term it is in. So I/R**2 + m is shorter than (I + m*R**2)/R**2.
+    A common denominator counts once for each term above it. So I/R**2 + m is shorter than (I + m*R**2)/R**2.
     """
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]
@@ -391,5 +401,5 @@ def _length(form: Any) -> tuple[int, int]:
 
 
 def _by_terms(expression: Any) -> Any:
-    """Return a sum with common numbers taken out of each term: m*(a + b), not m*(2*a + 2*b)/2."""
+    """Return a sum whose terms are factored one by one: m*(a + b), not m*(2*a + 2*b)/2."""
     return Add(*map(factor_terms, Add.make_args(expression)))

@@ -1,6 +1,6 @@
 """The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
 
-Beside them: the layout of a state, a user's expressions as nodes of the equations, and inputs that they contain.
+Also here: the layout of a state, a user's expressions as nodes of the equations, and the inputs that equations contain.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from lagrange.statement.statement import Statement
 class StateLayout:
     """Layout of the state y = [q, v].
 
-    `coordinates` are the names of q. `rates` are the names of the quantities whose derivatives are v: the same names if
-    dq/dt is v.
+    `coordinates` are the names of q. `rates` are the names of the quantities whose time derivatives are v: the same as
+    `coordinates` if v = dq/dt.
     """
 
     coordinates: tuple[str, ...]
@@ -44,25 +44,28 @@ class StateLayout:
 
     @property
     def size(self) -> int:
-        """The number of entries."""
+        """The number 2n of entries of a state."""
         return len(self.coordinates) + len(self.rates)
 
     @cached_property
     def q(self) -> slice:
-        """The rows of the coordinates."""
+        """The slice of the coordinates in a state."""
         return slice(0, len(self.coordinates))
 
     @cached_property
     def v(self) -> slice:
-        """The rows of the velocities."""
+        """The slice of the velocities in a state."""
         return slice(len(self.coordinates), self.size)
 
     def split(self, y: Any) -> tuple[Any, Any]:
-        """Return the coordinates and the velocities of a state, or of the columns of many."""
+        """Return the coordinates and the velocities of a state (2n,), or of many states (2n, batch)."""
         return y[self.q], y[self.v]
 
     def names(self, ending: str = "_dot") -> tuple[str, ...]:
-        """Return the name of each entry: theta of a coordinate, theta_dot of a velocity; `ending` is the suffix."""
+        """Return the name of each entry of a state: theta for a coordinate, theta_dot for a velocity.
+
+        `ending` is the suffix of the velocities.
+        """
         return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))
 
 
@@ -71,7 +74,10 @@ Matrix = Sequence[Sequence[Node]]
 
 @dataclass(frozen=True, eq=False)
 class MotionForm:
-    """The solved form of the equations: p and f of dp/dt = f + G^T lambda, and h of M a = h + G^T lambda, n each."""
+    """The equations in the form that is solved, with n entries each: momenta p, forces f, and bias h.
+
+    dp/dt = f + G^T lambda, and M a = h + G^T lambda.
+    """
 
     momenta: tuple[Node, ...]
     forces: tuple[Node, ...]
@@ -81,10 +87,11 @@ class MotionForm:
 def augmentation(
     mass: Matrix, constraints: ConstraintEquations, q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> tuple[list[Node], list[Node]] | None:
-    """Return terms to add to momenta and forces so that M becomes regular, n each; None if M is regular already.
+    """Return terms to add to the momenta and to the forces, n each, so that M becomes regular.
 
     Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
-    These terms vanish on the constraint; w is `_weight`.
+    These terms vanish on the constraint; w is `_weight`. Return None if M is regular already, or if no constraint is
+    linear.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
     if not any(linear) or generic_rank(mass) == len(q):
@@ -104,7 +111,10 @@ def augmentation(
 
 
 def _weight(mass: Matrix, row: Sequence[Node], symbols: Sequence[Node]) -> Node:
-    """Return trace(M) / |row|^2 with coordinates, velocities and time replaced by one, or one if that has no value."""
+    """Return trace(M) / |row|^2, where coordinates, velocities and time are replaced by 1.
+
+    Return 1 if the quotient is zero or has no value. `row` is the constraint's row of G.
+    """
     graph = symbols[0].graph
     inertia = graph.sum([(1, mass[i][i]) for i in range(len(row))])
     square = graph.sum([(1, entry * entry) for entry in row])
@@ -125,8 +135,8 @@ def first_order_coordinates(
 ) -> tuple[int, ...]:
     """Return the indices of coordinates without inertia and constraints whose equations determine velocities.
 
-    `bias` is h of M a = h, so their equations are the relations 0 = h. Coordinates without inertia whose relations
-    determine no velocity are left out; `check_inertia` refuses them.
+    `bias` is h of M a = h. The equations of such coordinates are the relations 0 = h. If the relation of a coordinate
+    determines no velocity, the coordinate is left out; `check_inertia` raises an error for it.
     """
     graph = v[0].graph
     chosen = [
@@ -148,7 +158,7 @@ def first_order_coordinates(
 
 
 def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return p, f and h with zeros for the chosen coordinates.
+    """Return the motion with p, f and h set to zero for the coordinates with the indices `chosen`.
 
     Their equations are stated as relations between velocities instead.
     """
@@ -160,7 +170,7 @@ def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
 
 
 def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
-    """Return the mass matrix with ones on the diagonal for the chosen coordinates, to test the rank of the rest."""
+    """Return the mass matrix with ones on the diagonal for the coordinates `chosen`, to test the rank of the others."""
     return [
         [entry.graph.one if i == j and i in chosen else entry for j, entry in enumerate(row)]
         for i, row in enumerate(mass)
@@ -176,7 +186,10 @@ def with_relations(
     v: Sequence[Node],
     time: Node,
 ) -> ConstraintEquations:
-    """Return the constraints, followed by the relations of the chosen coordinates."""
+    """Return the constraints, followed by the equations 0 = h of the coordinates `chosen` as relations of velocities.
+
+    `bias` is h.
+    """
     if not chosen:
         return constraints
     graph = time.graph
@@ -217,9 +230,9 @@ def rates_of(
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return the multipliers of all constraints, of least norm, from those of the kept ones.
+    """Return the multipliers of all stated constraints with the least norm that give the same constraint forces.
 
-    The rows of the kept constraints span all rows of G.
+    `multipliers` belong to the constraints with the indices `kept`, whose rows span all rows of G.
     """
     others = [i for i in range(len(stated)) if i not in kept]
     if not others:
@@ -252,14 +265,14 @@ def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
 class Equations:
     """All equations of one system, as nodes of one graph.
 
-    - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy leaves to nodes.
-    - `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows.
-    - `stated` are the constraints of the statement, `multipliers` their multipliers.
-    - `constraints` are those that are solved, `impulses` their multipliers. Redundant constraints are left out. The
-      relations of coordinates without inertia, whose indices are `first_order`, are added.
-    - `motion` is the form that is solved. If M is singular it has other momenta, and so another M.
-    - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves with it for the
-      accelerations, followed by `impulses` with the opposite sign.
+    - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy symbols to nodes. -
+    `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows. - `stated` are
+    the constraints of the statement, `multipliers` their multipliers. - `constraints` are the constraints that are
+    solved, `impulses` their multipliers. Redundant constraints are left out.
+      The relations of coordinates without inertia, whose indices are `first_order`, are added.
+    - `motion` is the form that is solved. If M is singular, `motion` has other momenta, and so another M.
+    - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves linear systems with it. The
+      unknowns are the accelerations, followed by `impulses` with the opposite sign.
     - `turning` are the equations in rates of bodies, None without rotations or with constraints.
     """
 
@@ -291,21 +304,21 @@ class Equations:
 
     @property
     def state(self) -> dict[str, Sequence[Node]]:
-        """Symbols of the state by the names of its parts in programs, q and v."""
+        """Symbols of the state, by the names of its two parts in programs: q and v."""
         return {"q": self.q, "v": self.v}
 
     @property
     def solution(self) -> tuple[Node, ...]:
-        """Symbols of the unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
+        """Nodes of the unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:
-        """Return the node of a SymPy expression in q, v, accelerations, parameters, t and entries of rotations."""
+        """Return a SymPy expression in q, v, accelerations, parameters, t and entries of rotations as a node."""
         return self._translator(in_full(expression))
 
     @cached_property
     def programs(self) -> dict[str, Any]:
-        """Programs of quantities by name, which `program_of` fills and all machines share."""
+        """Cache of programs of quantities by name, shared by all machines; `program_of` fills it."""
         return {}
 
     @cached_property
@@ -389,9 +402,9 @@ def with_inertia(
     v: Sequence[Node],
     time: Node,
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the motion and its mass matrix, with terms of `augmentation` added if `complete` is singular.
+    """Return the motion and its mass matrix, with the terms of `augmentation` added if `complete` is singular.
 
-    `complete` is the mass matrix with ones for coordinates of first order.
+    `complete` is the mass matrix with ones on the diagonal for coordinates of first order.
     """
     added = augmentation(complete, constraints, q, v, time)
     if added is None:
@@ -407,7 +420,7 @@ def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:
 
 
 def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node]) -> list[Node]:
-    """Return Q - dD/dv."""
+    """Return the generalized forces Q - dD/dv, where D is the dissipation."""
     return [force - drag for force, drag in zip(forces, gradient(dissipation, v), strict=True)]
 
 
@@ -417,7 +430,7 @@ def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[No
 
 
 def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node, ...], ...]:
-    """Return M = dp/dv, n rows; the upper triangle mirrors the lower."""
+    """Return M = dp/dv, n rows. The matrix is symmetric: its upper triangle is copied from the lower."""
     n = len(v)
     rows: list[list[Node]] = [[] for _ in range(n)]
     for j in range(n):
@@ -433,7 +446,7 @@ def check_inertia(
     constraints: ConstraintEquations,
     first_order: Sequence[int] = (),
 ) -> None:
-    """Raise StatementError for a coordinate whose rows of M and of G^T are zero, except those of first order."""
+    """Raise StatementError for a coordinate whose rows of M and G^T are zero, unless its index is in `first_order`."""
     for i, (name, row) in enumerate(zip(names, mass, strict=True)):
         if i in first_order:
             continue
@@ -443,7 +456,7 @@ def check_inertia(
 
 
 def no_inertia(name: str) -> str:
-    """Return the message for a coordinate without inertia in the Lagrangian."""
+    """Return the error message for a coordinate that the Lagrangian gives no inertia."""
     return (
         f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
         f"not determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
@@ -478,7 +491,10 @@ def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEqu
 def solve_motion(
     plan: SolvePlan, matrix: Sequence[Sequence[Node]], bias: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[list[Node], list[Node]]:
-    """Return a and lambda of M a = h + G^T lambda and G a + gamma = 0."""
+    """Return a and lambda, the solution of M a = h + G^T lambda and G a + gamma = 0.
+
+    `matrix` is that of the whole linear system, and `bias` is h.
+    """
     unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)
     return unknowns[:n], [-unknown for unknown in unknowns[n:]]
@@ -501,7 +517,7 @@ def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tupl
 def node_of(expression: Any, statement: Statement, equations: Equations) -> Node:
     """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t as a node of the equations.
 
-    Raises StatementError for an expression with anything else in it.
+    Raises StatementError for an expression that contains other symbols.
     """
     stated = expression_of(expression, "the expression")
     expression = in_own_parameters(stated, statement.parameters)
@@ -515,9 +531,9 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
 
 
 def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
-    """Return a statement and its equations without the inputs that neither contains.
+    """Return a statement and its equations, without the inputs that are used in neither.
 
-    Equations are formed with more rates of each input than most of them contain.
+    Equations are formed with more time derivatives of each input than most equations contain.
     """
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]

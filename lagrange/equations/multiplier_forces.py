@@ -1,8 +1,8 @@
 """Forces that contain multipliers of constraints, such as Coulomb friction: multipliers as functions of the state.
 
-With forces Q + B lambda the equations are M a = h + (G^T + B) lambda and G a + gamma = 0. Put into the forces, their
-multipliers make a system whose forces depend on positions, velocities and time alone, and whose constraints have the
-same multipliers.
+With forces Q + B lambda the equations are M a = h + (G^T + B) lambda and G a + gamma = 0. They are solved for lambda.
+If the solution is inserted into the forces, these depend on positions, velocities and time alone, and the constraints
+have the same multipliers.
 Source: P. Painleve, Lecons sur le frottement, 1895; F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral
 Contacts, 1996, section 5.3.
 """
@@ -34,9 +34,9 @@ each further link doubles that."""
 def with_solved_multipliers(statement: Statement) -> Statement:
     """Return the statement with each multiplier in its forces replaced by a function of the state.
 
-    A statement without such forces is returned unchanged. Raises StatementError for multipliers of unknown constraints,
-    for forces that are not linear in them, for redundant constraints, for coordinates without inertia, and if the
-    multipliers are not determined.
+    A statement without multipliers in its forces is returned unchanged. Raises StatementError for multipliers of
+    unknown constraints, for forces that are not linear in the multipliers, for redundant constraints, for coordinates
+    without inertia, and if the multipliers are not determined.
     """
     free = sorted(sympy.Tuple(*statement.forces).free_symbols, key=str)
     names = [name for symbol in free if (name := constraint_of(symbol)) is not None]
@@ -62,7 +62,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
 
 
 def _written_out(nodes: Sequence[Node]) -> int:
-    """Return the number of operations of formulas, counted without sharing: a node counts as often as it is used."""
+    """Return the number of operations of formulas if nothing is shared: a node counts as often as it is used."""
     sizes: dict[Node, int] = {}
     for node in reachable(nodes):
         sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
@@ -82,7 +82,10 @@ def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
 
 
 def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> list[Node]:
-    """Return the multipliers of the constraints `names`; their symbols are the last parameters of the equations."""
+    """Return the multipliers of the constraints `names` as functions of the state.
+
+    The symbols of multipliers in forces are the last parameters of the equations. `system` is the system's name.
+    """
     e = equations
     n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(names) :]
     right = [*e.motion.bias, *(-gamma for gamma in e.constraints.bias)]

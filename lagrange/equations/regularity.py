@@ -1,7 +1,7 @@
 """Test, when a system is stated, that the equations determine the accelerations; messages are in the user's symbols.
 
-Without constraints the mass matrix must not be singular at every state. With constraints each must restrict a velocity,
-they must be independent, and every motion that they allow must have inertia.
+Without constraints the mass matrix must be regular at some state. With constraints, each constraint must restrict a
+velocity, the constraints must be independent, and every motion that they allow must have inertia.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ It returns the projected states, without those whose projection failed.
 
 
 def equations_of(statement: Statement, reach: Reach) -> Equations:
-    """Return the equations of motion, solved with independent constraints where redundant ones are allowed.
+    """Return the equations of motion, without redundant constraints if the statement allows such constraints.
 
-    `reach` is called for dependent constraints. Raises StatementError if the accelerations are undetermined at every
-    state tried.
+    `reach` is a function that finds states on the constraints; it is called if constraints are dependent. Raises
+    StatementError if the accelerations are undetermined at every state tried.
     """
     statement = known_statement(statement)
     equations = allowed_equations(statement, reach)
@@ -55,12 +55,15 @@ def equations_of(statement: Statement, reach: Reach) -> Equations:
 
 
 def known_statement(statement: Statement) -> Statement:
-    """Return the statement with given functions, and multipliers in forces, replaced by functions of time and state."""
+    """Return the statement with given functions, and multipliers in its forces, as functions of time and state."""
     return with_solved_multipliers(with_values(statement))
 
 
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:
-    """Return the equations of motion with the redundant constraints left out, if the statement allows any."""
+    """Return the equations of motion. Redundant constraints are left out if the statement allows redundant constraints.
+
+    `reach` is a function that finds states on the constraints.
+    """
     equations = euler_lagrange(statement)
     if statement.redundant == REFUSE or len(statement.constraints) < 2:
         return equations
@@ -71,9 +74,9 @@ def allowed_equations(statement: Statement, reach: Reach) -> Equations:
 def check_regularity(equations: Equations, statement: Statement | None = None, reach: Reach | None = None) -> None:
     """Raise StatementError if the accelerations are undetermined at all states and parameters tried.
 
-    States and parameters are random; with `statement` also its initial state and default parameters. The message names
-    the constraints, or the combination of velocities that has no inertia. With `reach` it also says whether dependent
-    constraints contradict each other.
+    States and parameters are random; with `statement` also its initial state and default parameters are tried. The
+    message names the constraints, or the combination of velocities that has no inertia. With `reach`, which finds
+    states on the constraints, it also says whether dependent constraints contradict each other.
     """
     if len(equations.constraints):
         _check_constraints(Tried(equations, statement), reach)
@@ -116,9 +119,9 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
-    """Return the indices of a largest set of constraints that are independent at a state where all hold.
+    """Return the indices of a largest set of independent constraints, at a state that satisfies all constraints.
 
-    The others follow from them. Raises StatementError if no state is found that satisfies all.
+    The other constraints follow from this set. Raises StatementError if `reach` finds no such state.
     """
     tried, count = Tried(equations, statement), len(statement.constraints)
     states, parameters = tried.starts(), tried.some_parameters(statement)
@@ -135,9 +138,9 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
 
 def independent_rows(rows: FloatArray) -> tuple[int, ...]:
-    """Return the indices of rows that span the row space.
+    """Return the indices of rows that span the space of all rows.
 
-    Greedy choice: the next row is the one with the longest part orthogonal to the rows chosen, relative to its length.
+    Each next row is the one with the longest part orthogonal to the rows chosen before, relative to its length.
     """
     sizes = np.sqrt((rows**2).sum(axis=1))
     left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
@@ -177,19 +180,19 @@ class Tried:
         return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, RANDOM_STATES))
 
     def starts(self) -> FloatArray:
-        """Return the initial state of the statement and the random states, (2n, 1 + RANDOM_STATES)."""
+        """Return the initial state of the statement, followed by the random states, (2n, 1 + RANDOM_STATES)."""
         random = self.random_states()
         return random if self.statement is None else np.array([self.statement.initial, *random.T]).T
 
     def some_parameters(self, statement: Statement | None) -> FloatArray:
-        """Return values of the parameters (k,): the defaults of a statement, random ones where it has no default."""
+        """Return values of the parameters (k,): a statement's defaults, and random values where no default exists."""
         some = np.random.default_rng(9).uniform(0.5, 2.0, len(self.equations.parameters))
         if statement is None:
             return some
         return np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
 
     def point(self, t: FloatArray | float, states: FloatArray, parameters: FloatArray) -> dict[Node, FloatArray]:
-        """Return the values of all symbols at times (k,) and states (2n, k)."""
+        """Return the values of all symbols by symbol, at times (k,) and states (2n, k)."""
         e, count = self.equations, states.shape[1]
         symbols = (*e.q, *e.v, *e.parameters, e.time)
         rows = (*states, *(np.full(count, p) for p in parameters), np.broadcast_to(t, (count,)))
@@ -222,10 +225,10 @@ class Tried:
 def _check_empty(
     names: Sequence[str], gradient: FloatArray, sizes: FloatArray, values: FloatArray, terms: FloatArray
 ) -> None:
-    """Raise StatementError for a constraint whose derivatives by the velocities are zero at all states with values.
+    """Raise StatementError for a constraint that restricts no velocity at any state where it has a value.
 
-    `gradient` has these derivatives and `sizes` the sizes of their terms, (m, n, states). `values` and `terms` are the
-    same of the constraints, (m, states).
+    `gradient` has the constraints' derivatives with respect to velocities, and `sizes` the sizes of their terms, (m, n,
+    states). `values` and `terms` are the values of the constraints and the sizes of their terms, (m, states).
     """
     for name, rows, size, value, term in zip(names, gradient, sizes, values, terms, strict=True):
         finite = np.isfinite(value) & np.isfinite(rows).all(axis=0)
@@ -235,9 +238,9 @@ def _check_empty(
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
-    """Return the singularity if M and G are singular at every state, else None; states without numbers are skipped.
+    """Return the singularity at the first state if M and G are singular at every state, else None.
 
-    `mass` is (n, n, states), `gradient` (m, n, states). The result describes the first singular state.
+    States without finite values are skipped. `mass` is (n, n, states), `gradient` (m, n, states).
     """
     first = None
     for k in range(mass.shape[2]):
@@ -259,7 +262,7 @@ def _undetermined(equations: Equations, motion: FloatArray) -> str:
 
 
 def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
-    """Return the null vector of the first matrix if every finite one is singular."""
+    """Return a null vector of the first finite matrix if every finite matrix (n, n, states) is singular, else None."""
     null = None
     for k in range(matrices.shape[2]):
         matrix = matrices[:, :, k]

@@ -1,8 +1,7 @@
 """Diagnosis of a state without accelerations: dependent constraints, or a motion without inertia.
 
 M a = h + G^T lambda and G a + gamma = 0 have one solution if the rows of G are independent and M is definite on the
-motions that they allow, the kernel of G. All tests are made on matrices whose rows are scaled alike, so that units do
-not matter.
+motions that the constraints allow, the kernel of G. Matrices are scaled before each test, so that units do not matter.
 Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma 16.1.
 """
 
@@ -44,20 +43,20 @@ NAMED_VELOCITIES = 8
 
 
 class Provider(Protocol):
-    """A source of compiled or interpreted functions for a few states: a model, or an object with its kernels."""
+    """A source of functions that are evaluated at few states: a model, or an object with the kernels of a model."""
 
     def interpreted(self, name: str) -> Values:
-        """Return the quantity of that name, such as "mass_matrix"."""
+        """Return the quantity `name`, such as "mass_matrix", as a function that is not compiled."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Values:
-        """Return the values of nodes of the equations' graph as a function."""
+        """Return a function that evaluates nodes of the equations' graph. `name` is its name in code."""
 
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """A singularity: dependent `rows` of G with their factors, or a `motion` (n,) without inertia.
+    """A singularity: dependent `rows` of G as pairs (index, factor), or a `motion` (n,) without inertia.
 
-    The sum of factor times row vanishes. `regularity` is the least singular value relative to the largest.
+    The sum of factor times row is zero. `regularity` is the least singular value divided by the largest.
     """
 
     regularity: float
@@ -66,7 +65,10 @@ class Singular:
 
 
 def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return A_ij / (s_i s_j), which has entries of about 1 in every row, and s (Ruiz, RAL-TR-2001-034)."""
+    """Return A_ij / (s_i s_j) and the scale factors s, so that the largest entry of each row is about 1.
+
+    Source: D. Ruiz, RAL-TR-2001-034.
+    """
     scale = np.ones(len(matrix))
     for _ in range(30):
         largest = np.abs(_divided(matrix, scale)).max(axis=1, initial=0.0)
@@ -75,20 +77,23 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return A_ij / (s_i s_j), one division after the other: the product of two scales may underflow."""
+    """Return A_ij / (s_i s_j).
+
+    The divisions are made one after the other, since the product of two scales may underflow.
+    """
     return np.asarray(matrix / scale[:, None] / scale)
 
 
 def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return the scale factors s (n + m,) that balance [[M, G^T], [G, 0]]."""
+    """Return the scale factors s (n + m,) of rows and columns that balance [[M, G^T], [G, 0]]."""
     return balanced(_whole(mass, gradient))[1]
 
 
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
-    """Return the combination of rows, or the motion, that is nearest to singular; None if an entry is not finite.
+    """Return the constraints, or the motion, nearest to singular; None if an entry of a matrix is not finite.
 
-    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are scale factors of another state: rows that have
-    become smaller since then count as smaller. With None the factors are those of this state.
+    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are the scale factors of another state: rows that have
+    become smaller since then count as smaller. With None the factors are computed for this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
@@ -116,7 +121,10 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of the rows `held` that is nearest to zero. With `alike` each row is normalised first."""
+    """Return the combination of the rows `held` that is nearest to zero. With `alike` each row is first normalised.
+
+    `scale` are the scale factors by which the rows were divided.
+    """
     sizes = np.sqrt((held**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
     left, values, _ = np.linalg.svd(held / units[:, None])
@@ -128,7 +136,7 @@ def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
 
 
 def _kernel(held: FloatArray) -> FloatArray:
-    """Return a basis (n, n - m) of the motions that the rows allow: their null space."""
+    """Return an orthonormal basis (n, n - m) of the motions that the rows `held` (m, n) allow: their null space."""
     return np.asarray(np.linalg.svd(held)[2][len(held) :].T)
 
 
@@ -145,7 +153,7 @@ def matrices_at(
 
 
 def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
-    """Return the message for a state (2n,) without accelerations: the place, the singularity and the remedy."""
+    """Return the message for a state (2n,) without accelerations: the configuration, the singularity and the remedy."""
     layout, names = equations.layout, equations.constraints.names
     state_text = ", ".join(
         [f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))]
@@ -172,7 +180,7 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 
 
 def dependent_rows(names: Sequence[str], found: Singular) -> str:
-    """Return the beginning of a sentence with the names of dependent constraints."""
+    """Return the first part of a sentence, which names the dependent constraints."""
     related = [names[i].removeprefix(RELATION) for i, _ in found.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
@@ -184,7 +192,7 @@ def dependent_rows(names: Sequence[str], found: Singular) -> str:
 
 
 def motion_along(names: Sequence[str], null: FloatArray) -> str:
-    """Return a combination of velocities as text, such as ``x.dot = 1, y.dot = -0.5``."""
+    """Return the combination of velocities `null` (n,) as text, such as ``x.dot = 1, y.dot = -0.5``."""
     size = np.abs(null)
     # The first of the largest entries is exactly 1.
     null = null / null[np.argmax(size > 0.999 * size.max())]
@@ -192,14 +200,14 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 
 
 def few(parts: list[str]) -> str:
-    """Return parts of a sentence as a list in one line: at most `NAMED_VELOCITIES`, then "and so on"."""
+    """Return parts of a sentence as a list: at most `NAMED_VELOCITIES` of them, then "and so on"."""
     return ", ".join(parts if len(parts) <= NAMED_VELOCITIES else [*parts[: NAMED_VELOCITIES - 1], "and so on"])
 
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
-    """Return the message for constraints that are dependent wherever they hold.
+    """Return the message for constraints that are dependent at every state that satisfies them.
 
-    `allowed`: the statement allows redundant constraints, which changes the remedy.
+    With `allowed`, the statement allows redundant constraints, and another remedy is named.
     """
     if any(names[i].startswith(RELATION) for i, _ in singular.rows):
         return (

@@ -1,8 +1,8 @@
 """The linear equations M a = h: solved in symbols by cofactors, and the plan by which machines eliminate.
 
-Cofactors have the determinant as their only divisor. Elimination divides by pivots. A pivot is a function of the state;
-it can vanish at a state where M is regular, and then the formula is wrong exactly there, at theta = pi/2 or with
-straight arms. det M vanishes only where M is singular.
+Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides by
+pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
+straight arms, and the formula is then wrong at this state.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the diagonal blocks of a symmetric matrix as index lists, each sorted."""
+    """Return the diagonal blocks of a symmetric matrix as sorted lists of indices.
+
+    `nonzero` has a flag for each entry.
+    """
     blocks: list[list[int]] = []
     left = dict.fromkeys(range(len(nonzero)))
     while left:
@@ -44,7 +47,7 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
 def expanded_cofactors(
     algebra: Algebra, matrix: Sequence[Sequence[MonomialSum]], bias: Sequence[MonomialSum]
 ) -> tuple[list[MonomialSum], MonomialSum]:
-    """Return the numerators of M^-1 h and the determinant, multiplied out and merged."""
+    """Return the numerators of M^-1 h and their denominator, the determinant, multiplied out and merged."""
     n = len(matrix)
     cofactors = [
         [_minor(algebra, matrix, _without(n, i), _without(n, j), (-1) ** (i + j)) for j in range(n)] for i in range(n)
@@ -88,14 +91,14 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def value_somewhere(expression: Any) -> float:
-    """Return the value of an expression with distinct arbitrary numbers for its symbols."""
+    """Return the value of an expression in which each symbol is replaced by a different arbitrary number."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(distinct_values(sorted(plain.free_symbols, key=str))), 30))
 
 
 def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
-    """Return a different positive rational number of order one for each symbol, without simple relations."""
+    """Return a different positive rational number of order one for each symbol. They have no simple relations."""
     ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
@@ -106,9 +109,9 @@ def _number(entry: Any) -> Any:
 
 
 class NestedCofactors:
-    """M^-1 h with the entries not multiplied out: one shared expression per minor.
+    """The solution M^-1 h by cofactors that are not multiplied out: each minor is one shared expression.
 
-    `longest` bounds the operations of each formula as it would be printed; TooLargeError above it.
+    `longest` is the largest number of operations of a printed formula; TooLargeError is raised above it.
     """
 
     def __init__(self, matrix: Sequence[Sequence[Any]], bias: Sequence[Any], longest: int) -> None:
@@ -161,9 +164,9 @@ Neighbours = Sequence[Collection[int]]
 
 
 def band_order(neighbours: Neighbours) -> list[int]:
-    """Return the unknowns in an order of small bandwidth (Cuthill, McKee).
+    """Return the unknowns in an order that makes the bandwidth of the matrix small (Cuthill, McKee).
 
-    They are ordered by their distance from an unknown at one end, independently of the order in which they were stated.
+    They are ordered by distance from an unknown at one end, so the order does not depend on the order of statement.
     """
     order: list[int] = []
     left = dict.fromkeys(range(len(neighbours)))
@@ -183,7 +186,10 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns in levels by distance from `root`; in each level those with few neighbours come first."""
+    """Return the unknowns in levels by distance from `root`.
+
+    Within a level, unknowns with few neighbours come first.
+    """
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []
@@ -199,7 +205,7 @@ def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
 def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers: Collection[int]) -> tuple[int, ...]:
     """Return the unknowns of a block in the order of elimination: fewest neighbours first, ties by `band_order`.
 
-    A multiplier waits until the accelerations in its row are eliminated.
+    A multiplier is eliminated after the accelerations in its row.
     """
     ranks = {unknown: i for i, unknown in enumerate(block)}
     ends = band_order([[ranks[j] for j in neighbours[i]] for i in block])
@@ -228,9 +234,10 @@ class SolvePlan:
     """Plan to solve A x = b block by block.
 
     `blocks` are groups of unknowns that the symmetric matrix couples, in the order of elimination. Rows of later blocks
-    may contain unknowns of earlier ones, as in variational equations. `moving`: A changes along the motion; otherwise
-    it is factored once per set of parameters. A is positive definite except for `multipliers`, unknowns with negative
-    pivots. `present` has the index pairs of entries that are not identically zero; None reads all entries.
+    may contain unknowns of earlier blocks, as in variational equations. With `moving`, A changes along the motion;
+    otherwise A is factored once for each set of parameters. A is positive definite except for `multipliers`, unknowns
+    with negative pivots. `present` has the index pairs of entries that are not identically zero; with None all entries
+    are read.
     """
 
     blocks: tuple[tuple[int, ...], ...]
@@ -250,7 +257,7 @@ class SolvePlan:
 
     @property
     def inverted(self) -> bool:
-        """True if a matrix is factored or inverted along the motion."""
+        """True if the matrix changes along the motion and must be factored or inverted: it is not diagonal."""
         return self.moving and not self.diagonal
 
     @cached_property
@@ -260,15 +267,15 @@ class SolvePlan:
         return tuple(entry for entry in lower if self.present is None or entry in self.present)
 
     def negative(self, block: Sequence[int]) -> tuple[int, ...]:
-        """Return the positions in a block of the unknowns with negative pivots."""
+        """Return the positions within a block of the unknowns with negative pivots."""
         return tuple(index for index, unknown in enumerate(block) if unknown in self.multipliers)
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
-        """Return x of matrix x = right. Factors of a matrix are shared by all right-hand sides."""
+        """Return the solution x of matrix * x = right. All right-hand sides use the same factors of a matrix."""
         return self.solver(matrix)(right)
 
     def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
-        """Return a function from a right-hand side to x. The structure of the matrix is analysed once."""
+        """Return a function from a right-hand side to the solution x. The structure of the matrix is analysed once."""
         graph = matrix[0][0].graph
         earlier: list[list[int]] = []
         before: list[int] = []
@@ -292,7 +299,7 @@ class SolvePlan:
 
 
 def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ()) -> SolvePlan:
-    """Return the plan of a symmetric matrix of nodes."""
+    """Return the plan to solve linear systems with a symmetric matrix of nodes. `multipliers` have negative pivots."""
     n = len(matrix)
     moving = any(entry.binding > Binding.PARAMETER for row in matrix for entry in row)
     neighbours = [[j for j in range(n) if matrix[i][j] is not matrix[i][j].graph.zero] for i in range(n)]
@@ -306,7 +313,7 @@ def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ())
 
 
 def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
-    """Return the connected components of the graph of neighbours, each sorted."""
+    """Return the connected components of a graph, each sorted. `neighbours` has the neighbours of each vertex."""
     seen: set[int] = set()
     groups = []
     for root in range(len(neighbours)):
@@ -323,9 +330,10 @@ def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
 
 
 def eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> list[Node]:
-    """Return x of matrix x = right for a regular matrix, by elimination in this order, with exchange of rows.
+    """Return the solution x of matrix * x = right for a regular matrix, by elimination in this order.
 
-    The result is made of sums and products: unlike that of a `SolvePlan` it has a Taylor series by itself.
+    Rows are exchanged where a pivot is zero. The result consists of sums and products. Unlike the solution by a
+    `SolvePlan`, it needs no special rule in Taylor series.
     """
     graph, left = right[0].graph, list(order)
     rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]

@@ -1,7 +1,7 @@
 """Structure of a system: properties that select code, allow methods, and are reported to the user.
 
-Properties that select code are read off the expressions: they are never wrongly claimed, but may be missed. Reported
-properties are decided as identities in `lagrange.equations.decisions`.
+Properties that select code are read off the expressions. So a property may be missed, but is never claimed wrongly.
+Reported properties are decided by proof or counterexample in `lagrange.equations.decisions`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from lagrange.statement.statement import Statement
 class Structure:
     """Properties of the equations. Coordinates are given by index.
 
-    - `blocks`: groups of coordinates that the mass matrix couples.
-    - `constant_mass`, `forced` (forces or dissipation act), `position_only` (accelerations without velocities): read
-      off the expressions.
+    - `blocks`: groups of coordinates that the mass matrix couples. - `constant_mass`, `forced` (forces or dissipation
+    act), `position_only` (accelerations do not depend on velocities):
+      read off the expressions.
     - `free`: coordinates without force, dissipation and constraint.
     - `brief`: time is in a function other than a polynomial, a sine or a cosine, so a force may act for a moment only.
-    - `constraints`: their names; `nonlinear`: names of those that are not linear in the velocities.
+    - `constraints`: names of the constraints; `nonlinear`: names of constraints that are not linear in the velocities.
     - `workless`: constraint forces do no work.
     - `first_order`: coordinates without inertia.
     - `freedoms`: the number of independent velocities; a rotation has three, although its quaternion has four.
@@ -58,7 +58,7 @@ class Structure:
 
     @cached_property
     def cyclic(self) -> tuple[int, ...]:
-        """Indices of coordinates that the Lagrangian does not depend on, without force and constraint."""
+        """Indices of coordinates on which the Lagrangian does not depend, without force, dissipation and constraint."""
         return tuple(i for i in self.free if self.decisions.cyclic(i))
 
     @property
@@ -66,13 +66,13 @@ class Structure:
         """True if the energy v.p - L is conserved; None if undecided.
 
         The energy is conserved if explicit time, forces and dissipation together do no work. Constraints that depend on
-        time, or are not homogeneous in the velocities, may do work: then the result is None.
+        time, or are not homogeneous in the velocities, may do work: the result is then None.
         """
         return self.decisions.powerless if self.workless else None
 
     @property
     def may_keep_energy(self) -> bool:
-        """False if constraints may do work, or numbers show that the energy changes. No algebra is done."""
+        """False if constraints may do work, or if values show that the energy changes. No algebra is done."""
         return self.workless and self.decisions.power_seen is not False
 
     @property
@@ -85,7 +85,7 @@ class Structure:
         return [self._mass(), *self._separation(), *self.remarks()]
 
     def remarks(self) -> list[str]:
-        """Return the sentences of a textbook: coordinates without inertia, constraints, conserved quantities."""
+        """Return sentences as in a textbook: on coordinates without inertia, constraints, and conserved quantities."""
         return [*self._first_order(), *self._constraints(), self._energy(), *self._momenta()]
 
     def _separation(self) -> list[str]:
@@ -150,7 +150,10 @@ class Structure:
         return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
     def energy_reason(self) -> str:
-        """Return the reason why the energy is conserved, the beginning of a sentence. Only valid if it is."""
+        """Return the reason why the energy is conserved, as the beginning of a sentence.
+
+        Only valid if the energy is conserved.
+        """
         if not self.forced:
             return "Nothing depends on time explicitly and no force acts beside the potential"
         if self.autonomous:
@@ -170,7 +173,7 @@ def find_structure(
     accelerations: Sequence[Node],
     first_order: tuple[int, ...] = (),
 ) -> Structure:
-    """Return the structure. Properties that are only reported are decided when they are first read."""
+    """Return the structure of a system. Properties that are only reported are decided when they are first read."""
     constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
     free = [force is graph.zero for force in laws.extra]
     constrained = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]

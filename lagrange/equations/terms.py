@@ -1,4 +1,4 @@
-"""Sums of monomials in sines, cosines, powers and symbols: the small algebra of a textbook derivation."""
+"""Sums of monomials in sines, cosines, powers and symbols: the algebra of a textbook derivation."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ ONE: Monomial = ()
 
 
 def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
-    """Multiply a monomial (a dict of exponents by factor) by a power of a factor, in place.
+    """Multiply a monomial, {factor: exponent}, by the power `by` of a factor, in place.
 
-    Whole exponents are ints.
+    Whole exponents are stored as ints.
     """
     total = powers.get(factor, 0) + by
     if total == 0:
@@ -33,7 +33,7 @@ def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
 
 
 def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
-    """Add number * monomial to a sum in place; terms of zero are removed."""
+    """Add number * monomial to a sum, in place; terms with the number zero are removed."""
     total = terms.get(monomial, S.Zero) + number
     if total == 0:
         terms.pop(monomial, None)
@@ -42,7 +42,7 @@ def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
 
 
 def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
-    """Return (number, monomial, rest) with terms = number * monomial * rest, the rest in smallest integers."""
+    """Return (number, monomial, rest), whose product is the sum. The rest has smallest integer coefficients."""
     if not terms:
         return S.One, ONE, terms
     number = Rational(
@@ -74,11 +74,14 @@ _CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
 
 
 class TooLargeError(Exception):
-    """Raised if a sum is too large to be read by a person. Callers turn it into a message."""
+    """Raised if a sum is too large to be read by a person. Callers turn the exception into a message."""
 
 
 class Magnitude(Function):
-    """|x| of a real x. SymPy's Abs has derivatives with Derivative(re(x)) unless it can prove that x is real."""
+    """|x| of a real x.
+
+    The derivative of SymPy's Abs contains Derivative(re(x)) unless SymPy can prove that x is real.
+    """
 
     is_real = True
 
@@ -98,7 +101,7 @@ class Direction(Function):
 
 
 class Step(Function):
-    """Heaviside's step of a real x. Its derivative is zero."""
+    """Heaviside's step function of a real x. Its derivative is zero."""
 
     is_real = True
 
@@ -116,7 +119,7 @@ def differentiable(expression: Any) -> Any:
 
 
 def printable(expression: Any) -> Any:
-    """Return the expression with SymPy's Abs, sign and Heaviside again."""
+    """Return the expression with the functions of this module replaced by SymPy's Abs, sign and Heaviside."""
     return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign, Step: sympy.Heaviside})
 
 
@@ -139,9 +142,9 @@ def _minimum(first: Any, *rest: Any) -> Any:
 
 
 class Algebra:
-    """Arithmetic on `MonomialSum` over one growing table of factors.
+    """Arithmetic on sums of monomials (`MonomialSum`) over one growing table of factors.
 
-    `budget` is the number of monomials that may still be made. Operations raise TooLargeError if it is spent.
+    `budget` is the number of monomials that may still be created. Operations raise TooLargeError if it is exceeded.
     """
 
     def __init__(self, budget: int) -> None:
@@ -165,7 +168,7 @@ class Algebra:
         return stored
 
     def write(self, terms: MonomialSum) -> Any:
-        """Return the plain, ungrouped SymPy sum."""
+        """Return the sum of monomials as a SymPy sum, without grouping."""
         return Add(*(Mul(number, self.power(monomial)) for monomial, number in terms.items()))
 
     def power(self, monomial: Monomial) -> Any:
@@ -177,7 +180,7 @@ class Algebra:
         return sum(self._sizes[k] for k, _ in monomial)
 
     def free(self, number: int) -> frozenset[Any]:
-        """Return the symbols that a factor contains."""
+        """Return the symbols in the factor with the index `number`."""
         return self._free[number]
 
     def add(self, *sums: MonomialSum) -> MonomialSum:
@@ -216,19 +219,19 @@ class Algebra:
         return result
 
     def divide(self, terms: MonomialSum, divisor: MonomialSum) -> MonomialSum:
-        """Return the sum divided by a sum of one term."""
+        """Return the sum divided by `divisor`, a sum of one term."""
         ((monomial, number),) = divisor.items()
         return self.multiply(terms, {tuple((k, -e) for k, e in monomial): 1 / number})
 
     def spend(self, amount: int) -> None:
-        """Subtract that many monomials from the budget. Raises TooLargeError below zero."""
+        """Subtract `amount` monomials from the budget. Raises TooLargeError if the budget is exceeded."""
         self.budget -= amount
         if self.budget < 0:
             raise TooLargeError
 
     @contextmanager
     def at_most(self, amount: int) -> Iterator[None]:
-        """Limit the budget to that many monomials inside the with block."""
+        """Context that limits the budget to `amount` monomials inside the `with` block."""
         reserve = max(self.budget - amount, 0)
         self.budget -= reserve
         try:
@@ -237,7 +240,7 @@ class Algebra:
             self.budget = max(self.budget, 0) + reserve
 
     def unfold(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum with short sums to whole positive powers expanded, such as the square of a root."""
+        """Return the sum with whole positive powers of short sums expanded, such as the square of a root."""
         result: MonomialSum = {}
         for monomial, number in terms.items():
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
@@ -252,9 +255,9 @@ class Algebra:
         return result
 
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum after sin^2 + cos^2 = 1 and addition theorems, where these shorten it or lower its degree.
+        """Return the sum simplified by sin^2 + cos^2 = 1 and the addition theorems, if fewer or lower terms result.
 
-        The loop ends, because every replacement lowers the number of terms, or keeps it and lowers the degree.
+        The loop ends, because every replacement lowers the number of terms, or keeps the number and lowers the degree.
         """
         terms = dict(terms)
         changed = True
@@ -285,9 +288,10 @@ class Algebra:
         return False
 
     def _identities(self, monomial: Monomial) -> Iterator[tuple[Monomial, int, tuple[Monomial, Any], bool]]:
-        """Yield (partner, sign, (rest, expression), exact): monomial + sign * partner = rest * expression.
+        """Yield (partner, sign, (rest, expression), exact) for monomial + sign * partner = rest * expression.
 
-        `exact` requires equal coefficients, since with a remainder the sum would not become shorter.
+        With `exact`, the identity is used only if both terms have equal coefficients. Otherwise the sum would not get
+        shorter.
         """
         circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
         exponents = dict(monomial)
@@ -307,7 +311,7 @@ class Algebra:
                         yield partner, sign, (rest, _addition_theorem(kind, other_kind, a, b, sign)), False
 
     def _join(self, left: Monomial, right: Monomial) -> tuple[Monomial, Any]:
-        """Return (monomial, number), whose product is that of two monomials: sqrt(2) sqrt(2) gives the number 2."""
+        """Return the product of two monomials as (monomial, number): sqrt(2) sqrt(2) gives the number 2."""
         powers = dict(left)
         for k, e in right:
             raise_power(powers, k, e)
@@ -320,7 +324,7 @@ class Algebra:
         return tuple(sorted(powers.items())), number
 
     def _absorb_directions(self, powers: dict[int, Any]) -> None:
-        """Replace sign(x) x by |x|, and sign(x) |x| by x, in place."""
+        """Replace sign(x) x by |x|, and sign(x) |x| by x, in a monomial {factor: exponent}, in place."""
         for direction, (plain, magnitude) in self._directions.items():
             for one, other in ((plain, magnitude), (magnitude, plain)):
                 exponent = powers.get(one)
@@ -417,9 +421,9 @@ class Algebra:
         return {joined: scale * number**exponent}
 
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
-        """Return a sum as (common factor, rest).
+        """Return a sum as (common factor, rest). `stated` is the sum as an expression.
 
-        Sums that differ by a factor get the same rest: 1/(2 x - 2 y) and 1/(y - x) have one.
+        Sums that differ by a factor get the same rest, for example 1/(2 x - 2 y) and 1/(y - x).
         """
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)
@@ -429,9 +433,9 @@ class Algebra:
         return {monomial: number}, stated if as_stated else inside
 
     def _tidy(self, expression: Any) -> Any:
-        """Return the argument of a root or function.
+        """Return the argument of a root or function, simplified.
 
-        It is merged, with its common factor taken out, if that is shorter.
+        Its terms are merged and their common factor is taken out if this makes the argument shorter.
         """
         if not isinstance(expression, Expr) or not expression.is_Add:
             return expression
@@ -442,7 +446,10 @@ class Algebra:
 
 @lru_cache(maxsize=10_000)
 def _addition_theorem(first: Any, second: Any, a: Any, b: Any, sign: int) -> Any:
-    """Return first(a) second(b) + sign * cofirst(a) cosecond(b) as one sine or cosine."""
+    """Return first(a) second(b) + sign * cofirst(a) cosecond(b) as one sine or cosine.
+
+    `first` and `second` are sin or cos; the prefix co exchanges sin and cos.
+    """
     if first is not second:
         return sympy.sin(a + sign * b) if first is sympy.sin else sympy.sin(b + sign * a)
     if sign > 0:

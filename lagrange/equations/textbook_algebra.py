@@ -1,9 +1,9 @@
 """The textbook derivation as sums of monomials: energies, momenta, rates, accelerations; proofs that a sum is zero.
 
 A sum is proven zero for all values of its symbols as follows. Roots and quotients are multiplied out. Sines and cosines
-of sums and multiples become those of their smallest parts. Even powers of sines are written in cosines. The result is a
-polynomial in nearly independent factors: if all its coefficients are zero, so is the sum. A sum that is not reduced to
-zero may still vanish: it stays undecided.
+of sums and multiples are expanded to sines and cosines of their smallest parts. Even powers of sines are written in
+cosines. The result is a polynomial in nearly independent factors: if all its coefficients are zero, so is the sum. A
+sum whose polynomial is not zero may still vanish: it is undecided.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
 
 
 class StatedAlgebra:
-    """A statement in `MonomialSum`. Coordinates and velocities are real symbols; each part is computed once.
+    """A statement as sums of monomials. Coordinates and velocities are real symbols; each part is computed once.
 
-    The symbols are dummies, so that a parameter or coordinate named like a velocity differs from it. `budget` is the
-    largest number of monomials; a part that needs more raises TooLargeError.
+    The symbols are dummies, so that a parameter or coordinate with the name of a velocity differs from the velocity.
+    `budget` is the largest number of monomials; a part that needs more raises TooLargeError.
     """
 
     def __init__(self, statement: Statement, budget: int) -> None:
@@ -69,7 +69,7 @@ class StatedAlgebra:
 
     @cached_property
     def momenta(self) -> list[MonomialSum]:
-        """The momenta dL/dv."""
+        """The momenta dL/dv, one for each coordinate."""
         return [self.algebra.differentiate(self.lagrangian, v) for v in self.v]
 
     @cached_property
@@ -89,7 +89,7 @@ class StatedAlgebra:
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
     def read(self, expression: Any) -> MonomialSum:
-        """Return a stated expression as a sum of monomials with exact decimals: 0.1 is one tenth."""
+        """Return a stated expression as a sum of monomials. Decimals are exact: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
         decimals = sorted(plain.atoms(Float), key=str)
         if decimals:
@@ -100,7 +100,7 @@ class StatedAlgebra:
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
         """Return True if one of the symbols is inside a function of `JUMPING`, whose derivative does not show the jump.
 
-        With `twice` also inside |x|, whose second derivative does not show the jump of the first.
+        With `twice`, |x| counts too: its first derivative jumps, which its second derivative does not show.
         """
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -135,8 +135,8 @@ LARGEST_FRACTION = 10**6
 class Turn(NamedTuple):
     """A small turn of a body about one of its own axes: a quasi-coordinate.
 
-    `place` is its index among the coordinates, and `others` are those of the turns about the next two axes in cyclic
-    order. `entries` are the nine symbols of R by rows. `axis` is 0, 1 or 2.
+    `place` is the index of the turn among the coordinates. `others` are the indices of the turns about the next two
+    axes in cyclic order. `entries` are the nine symbols of the rotation matrix R by rows. `axis` is 0, 1 or 2.
     """
 
     place: int
@@ -146,7 +146,7 @@ class Turn(NamedTuple):
 
 
 class TextbookAlgebra(StatedAlgebra):
-    """The derivation in `MonomialSum`, each part computed once."""
+    """The textbook derivation of a statement as sums of monomials. Each part is computed once."""
 
     def __init__(self, statement: Statement) -> None:
         super().__init__(statement, BUDGET)
@@ -162,7 +162,8 @@ class TextbookAlgebra(StatedAlgebra):
     def pulls(self) -> list[MonomialSum]:
         """Generalized forces dL/dq, one for each coordinate.
 
-        For a small turn it is the derivative of L along the turn, plus the component of p x (rates) about its axis.
+        For a small turn, the force is the derivative of L along the turn, plus the component of p x w about its axis. w
+        are the rates of the body.
         """
         self.require_short_slopes()
         slopes = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
@@ -177,7 +178,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def turns(self) -> list[Turn]:
-        """The turns of a statement that is read in turns: the last coordinates, three for each rotation."""
+        """The small turns that describe rotations: the last coordinates, three for each rotation."""
         first = len(self.q) - 3 * len(self.entries)
         return [
             Turn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
@@ -186,7 +187,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
-        """Return the derivative of a sum along a turn: dR = R E, where E is the generator of turns about the axis."""
+        """Return the derivative of a sum along a turn: dR = R E, where E generates turns about the axis."""
         algebra, parts = self.algebra, []
         for row in range(3):
             ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
@@ -196,13 +197,16 @@ class TextbookAlgebra(StatedAlgebra):
         return algebra.add({}, *parts)
 
     def require_short_slopes(self) -> None:
-        """Raise TooLargeError if dL/dq of all coordinates together is too long, before any is taken."""
+        """Raise TooLargeError if dL/dq of all coordinates together is too long.
+
+        This is estimated before differentiation.
+        """
         if self.slope_operations > LONGEST_SLOPES:
             raise TooLargeError
 
     @cached_property
     def slope_operations(self) -> int:
-        """Number of operations in dL/dq: those of each term of L, counted for each coordinate that it contains."""
+        """Estimated number of operations in dL/dq: each term of L counts once for each coordinate in it."""
         algebra, coordinates = self.algebra, frozenset(self.q)
 
         def count(monomial: Monomial) -> int:
@@ -212,18 +216,18 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def drags(self) -> list[MonomialSum]:
-        """Derivatives dD/dv of the dissipation, for each coordinate."""
+        """Derivatives dD/dv of the dissipation D, one for each coordinate."""
         dissipation = self.read(self.statement.dissipation)
         return [self.algebra.merge_angles(self.algebra.differentiate(dissipation, v)) for v in self.v]
 
     @cached_property
     def drifts(self) -> list[MonomialSum]:
-        """The rate of each momentum at constant velocities, (dp/dq) v + dp/dt."""
+        """Rates of the momenta at constant velocities, (dp/dq) v + dp/dt, one for each coordinate."""
         return [self.at_constant_velocities(p) for p in self.momenta]
 
     @cached_property
     def remainders(self) -> list[MonomialSum]:
-        """Terms besides M a on the left side, (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
+        """Terms beside M a on the left side of each equation: (dp/dq) v + dp/dt - dL/dq + dD/dv."""
         algebra = self.algebra
         return [
             algebra.merge_angles(algebra.add({}, drift, algebra.scale(pull, S.NegativeOne), drag))
@@ -232,7 +236,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def right_sides(self) -> list[MonomialSum]:
-        """The right sides h = Q - remainder of M a = h + G^T lambda."""
+        """Right-hand sides h = Q - remainder of M a = h + G^T lambda, one for each coordinate."""
         forces = [self.read(force) for force in self.statement.forces]
         return [
             self.algebra.merge_angles(self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne)))
@@ -240,7 +244,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate, in the stated symbols, with a single factor for each acceleration."""
+        """Return M a + rest for each coordinate, in the stated symbols. Each acceleration has a single factor."""
         return [
             self.finish(
                 sympy.Add(
@@ -253,7 +257,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def gradient(self) -> list[list[MonomialSum]]:
-        """The m rows of G: dphi/dq, or dpsi/dv of a constraint on velocities."""
+        """The m rows of G: dphi/dq of a holonomic constraint, or dpsi/dv of a constraint on velocities."""
         rows = []
         for constraint in self.statement.constraints:
             zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v
@@ -265,7 +269,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def constraint_bias(self) -> list[MonomialSum]:
-        """The terms gamma of G a + gamma = 0: rates of psi at constant velocities. psi is dphi/dt, or as stated."""
+        """The terms gamma of G a + gamma = 0: rates at constant velocities of psi, which is dphi/dt or as stated."""
         return [
             self.at_constant_velocities(self.at_constant_velocities(zero) if constraint.holonomic else zero)
             for constraint in self.statement.constraints
@@ -284,7 +288,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
-        """Right sides h without multipliers, and the rows of B: the derivatives of h by the multipliers."""
+        """Right-hand sides h without multipliers, and the rows of B: derivatives of h with respect to multipliers."""
         algebra, symbols = self.algebra, [constraint.multiplier for constraint in self.statement.constraints]
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
@@ -297,9 +301,10 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def motion(self) -> list[Any]:
-        """The accelerations M^-1 (Q - remainder), or with constraints a and lambda, block by block.
+        """The accelerations, followed by the multipliers lambda if there are constraints, solved block by block.
 
-        M a - (G^T + B) lambda = Q - remainder, G a = -gamma, with B lambda in the stated forces.
+        They solve M a - (G^T + B) lambda = Q - remainder and G a = -gamma. B lambda is the part of the stated forces
+        that contains multipliers.
         """
         negative = partial(self.algebra.scale, number=S.NegativeOne)
         right, pushes = self.apart_from_multipliers
@@ -317,7 +322,10 @@ class TextbookAlgebra(StatedAlgebra):
         return [solved[i] for i in range(len(solved))]
 
     def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block, with the determinants multiplied out if that stays short."""
+        """Return the unknowns of a block of matrix * x = bias, with determinants multiplied out if this stays short.
+
+        `block` has the indices of the unknowns.
+        """
         has_multipliers = any(i >= len(self.q) for i in block)
         if len(block) <= (EXPANDED_WITH_MULTIPLIERS if has_multipliers else EXPANDED_BLOCK):
             try:
@@ -335,7 +343,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
 
     def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block by cofactors; their minors are nested, not multiplied out."""
+        """Return the unknowns of a block by cofactors, which stay products of nested minors."""
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):
@@ -366,7 +374,7 @@ class TextbookAlgebra(StatedAlgebra):
         )
 
     def show(self, terms: MonomialSum) -> Any:
-        """Return a sum as an expression in the stated symbols, collected."""
+        """Return a sum as an expression in the stated symbols, collected as in a textbook."""
         return self.finish(self.collector.write(shortened(self.algebra, terms)))
 
     def finish(self, expression: Any) -> Any:
@@ -378,7 +386,7 @@ class TextbookAlgebra(StatedAlgebra):
         return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
-        """Return parts as a dict by coordinate."""
+        """Return parts, one for each coordinate, as {coordinate: part}."""
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
 
 
@@ -414,7 +422,7 @@ def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
 
 
 def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return a reduced multiple of the sum, which is empty if the sum is proven to be zero."""
+    """Return a multiple of the sum in reduced form. It is empty if the sum is proven to be zero."""
     terms = algebra.merge_angles(terms)
     for _ in range(ROUNDS):
         if not terms:
@@ -427,7 +435,7 @@ def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum times its denominators, with sums to whole powers expanded."""
+    """Return the sum multiplied by its denominators, with whole powers of sums expanded."""
     lowest: dict[int, Any] = {}
     for monomial in terms:
         for k, e in monomial:
@@ -455,7 +463,7 @@ def _composite(factor: Any) -> bool:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return the product times a factor `k` with an exponent of at least zero; a factor that is a sum is expanded."""
+    """Return the product times factor `k` to an exponent of at least zero. A factor that is a sum is expanded."""
     factor = algebra.factors[k]
     if not exponent:
         return product
@@ -468,7 +476,7 @@ def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> Mon
 
 
 def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with sines and cosines of sums and multiples in terms of those of the smallest parts."""
+    """Return the sum with sines and cosines of sums and multiples expanded to those of the smallest parts."""
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])
@@ -490,7 +498,7 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return for each kind of angle its smallest part, of which all the arguments are whole multiples."""
+    """Return {kind of angle: smallest part}. All arguments are sums of whole multiples of these parts."""
     shares: dict[Any, list[Any]] = {}
     for argument in arguments:
         for part in sympy.Add.make_args(argument.expand()):
@@ -504,10 +512,10 @@ def _units(arguments: list[Any]) -> dict[Any, Any]:
 
 
 def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
-    """Return a sine or cosine of an angle in terms of sines and cosines of the smallest parts.
+    """Return a sine or cosine of an angle in terms of sines and cosines of the smallest parts `units`.
 
-    The cosine of N x is a polynomial of degree N, made in about N^2 operations. The number of terms of a cosine of a
-    sum is the product of those of its parts. Both costs are subtracted from the budget in advance.
+    The cosine of N x is a polynomial of degree N, computed in about N^2 operations. The cosine of a sum has as many
+    terms as the product of the numbers of terms of its parts. Both costs are subtracted from the budget in advance.
     """
     symbols: dict[Any, Any] = {}
     argument, terms = S.Zero, 1

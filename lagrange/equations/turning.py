@@ -1,8 +1,9 @@
 """Equations of motion in rates of bodies, for series: p = dL/dw, dp/dt = p x w + (change of L by a turn) + torque.
 
-They are those of Euler and Poincare, of a statement that is read in turns. The length of a quaternion is not in them,
-so the series of the quaternion is polynomial: dq/dt = q w/2. Entries of a rotation R are values of their own with the
-derivatives R (w x). Source: J. E. Marsden, T. S. Ratiu, Introduction to Mechanics and Symmetry, 1999, section 13.5.
+They are the equations of Euler and Poincare, for a statement whose rotations are described by small turns. The length
+of a quaternion does not occur in them, so the series of the quaternion is polynomial: dq/dt = q w/2. The entries of a
+rotation matrix R are separate variables with the derivatives R (w x). Source: J. E. Marsden, T. S. Ratiu, Introduction
+to Mechanics and Symmetry, 1999, section 13.5.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """Equations with m velocities: those of coordinates beside rotations, then three rates w of each body.
+    """Equations with m velocities: first those of coordinates outside of rotations, then three rates w of each body.
 
-    - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
-    - `places` maps the other coordinates, and symbols of the entries of rotations, to their derivatives.
-    - `starts` maps the symbols of w and of entries to nodes in q and v of the statement.
-    - `spun` maps the coordinate index of each quaternion entry to three nodes: -q w, which is minus twice its
-      derivative, and the derivatives of q and v at the start of a step. The latter two restore the length: errors of
-      v along q would accumulate, and change the energy.
+    - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w. - `places` maps coordinates outside of
+    rotations, and the symbols of entries of rotation matrices, to their derivatives. - `starts` maps the symbols of w
+    and of entries of rotation matrices to nodes in the statement's q and v. - `spun` maps the coordinate index of each
+    quaternion entry to three nodes. The first is -q w, minus twice the
+      derivative of q. The others are the derivatives of q and v at the start of a step, with terms that restore the
+      length of the quaternion: otherwise errors of v along q would accumulate, and change the energy.
     """
 
     velocities: tuple[Node, ...]
@@ -44,23 +45,26 @@ class Turning:
 
     @property
     def integrals(self) -> dict[Node, Node]:
-        """The derivatives of entries of rotations, by their symbols."""
+        """{entry of a rotation matrix: derivative}, by the symbols of the entries."""
         return {symbol: rate for symbol, rate in self.places.items() if symbol in self.starts}
 
     @property
     def adjacent(self) -> bool:
-        """True if the quaternions follow one another among the coordinates: series solve for their velocities apart."""
+        """True if the quaternions are adjacent among the coordinates.
+
+        Series then solve for their velocities separately.
+        """
         count = len(self.spun)
         first, others = min(self.spun), len(self.velocities) - count * 3 // 4
         return first in (0, others) and max(self.spun) == first + count - 1
 
     def has(self, node: Node) -> bool:
-        """Return True if a node contains rates or entries of rotations."""
+        """Return True if a node contains rates of bodies or entries of rotation matrices."""
         return any(symbol.depends & node.depends for symbol in self.starts)
 
 
 class _Body:
-    """The symbols of one rotation, for its rates and entries, with the changes and derivatives of the entries."""
+    """The symbols of one rotation, for the rates of the body and the entries of R, and derivatives of the entries."""
 
     def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))
@@ -100,13 +104,13 @@ class _Body:
         """Changes of the entries of R by a small turn about each axis of the body; other symbols do not change."""
 
     def rates(self) -> dict[Node, Node]:
-        """Return the time derivatives of the entries of R."""
+        """Return the time derivatives of the entries of the rotation matrix R, by symbol."""
         zero = self.w[0].graph.zero
         pairs = list(zip(self.w, self.turns, strict=True))
         return {e: sum((w * turn.get(e, zero) for w, turn in pairs), zero) for e in self.entries}
 
     def spin(self, p: Sequence[Node]) -> list[Node]:
-        """Return p x w."""
+        """Return p x w, three nodes, where p is the angular momentum and w the rates of the body."""
         (a, b, c), (x, y, z) = self.w, p
         return [y * c - z * b, z * a - x * c, x * b - y * a]
 
@@ -114,8 +118,8 @@ class _Body:
 def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> Turning | None:
     """Return the equations of a statement in rates of bodies.
 
-    The result is None for a statement with constraints, or that cannot be read in turns. `leaves` maps coordinates,
-    velocities, time and parameters to nodes of the graph.
+    Return None for a statement with constraints, or whose rotations cannot be described by small turns. `leaves` maps
+    coordinates, velocities, time and parameters to nodes of the graph.
     """
     read = statement.reading
     if read is None or read.constraints:
