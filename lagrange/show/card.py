@@ -21,7 +21,7 @@ MOST_CHANGES = 3
 
 
 def card_of(solution: Solution) -> dict[str, Any]:
-    """Return the card as a dict for JSON; numbers that are not finite are None."""
+    """Return the data of the card as a dict for JSON; numbers that are not finite are None."""
     card: dict[str, Any] = {
         "system": solution.model.statement.name,
         "target": solution.model.target,
@@ -64,7 +64,7 @@ def card_of(solution: Solution) -> dict[str, Any]:
 
 
 def _energy(solution: Solution) -> dict[str, Any] | None:
-    """Return the energy data of the card, None if the energy has no value."""
+    """Return the data of the energy for the card, or None if the energy has no value."""
     if not solution.has_energy:
         return None
     drift = {**asdict(solution.drift), "relative": solution.drift.relative}
@@ -77,7 +77,7 @@ def card_text(solution: Solution) -> str:
 
 
 def card_html(solution: Solution) -> str:
-    """Return the card as a table for a notebook, with the plot under it."""
+    """Return the card as an HTML table for a notebook, with the plot under it."""
     heading = _heading(solution)
     drawn = image(solution.plot(), f"plot of {heading}") if len(solution.t) else ""
     return pairs(heading, _lines(solution)) + drawn
@@ -88,7 +88,7 @@ def _heading(solution: Solution) -> str:
 
 
 def _lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return the lines of the card, a label and a text each."""
+    """Return the lines of the card as pairs (label, text)."""
     run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
     begun, reached = run.span
     outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
@@ -114,7 +114,7 @@ def _lines(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _contact_lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return for each contact its impacts and its state at the end, and the total energy that contacts dissipated."""
+    """Return lines on contacts: the impacts of each and its state at the end, and the total dissipated energy."""
     if not solution.contacts or not len(solution.t):
         return []
     lines = [
@@ -125,7 +125,7 @@ def _contact_lines(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
-    """Return the line with the step or the tolerances of a run, if its method has any."""
+    """Return the line with the step or the tolerances of a run; empty if its method has neither."""
     if run.step is not None:
         return [("step", f"{run.step:.6g}")]
     if run.rtol is None:
@@ -135,7 +135,10 @@ def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
 
 
 def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[tuple[str, str]]:
-    """Return the line with the parameters set by events: the first changes, and the number of the others."""
+    """Return the line with the parameters set by events: the first changes, and the number of the others.
+
+    `changes` are pairs of a time and the new values by name. Without changes the list is empty.
+    """
     changed = [
         f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
         for t, values in changes[:MOST_CHANGES]
@@ -146,7 +149,7 @@ def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[
 
 
 def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
-    """Return the line with the number of occurrences of each event, if there are events."""
+    """Return the line with the number of occurrences of each event; empty without events."""
     if not times:
         return []
     counts = (f"event {i}: {counted(len(occurrences), 'time')}" for i, occurrences in enumerate(times))

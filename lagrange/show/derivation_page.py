@@ -44,7 +44,7 @@ LONG_SECTION = 12
 
 @dataclass(frozen=True)
 class Heading:
-    """Text above a derivation that is handed in, such as homework; each field may be empty."""
+    """Text above a derivation that a student hands in, such as homework; each field may be empty."""
 
     title: str = ""
     author: str = ""
@@ -73,11 +73,14 @@ def render(
     With constraints the equations of motion contain the multipliers and are followed by the constraints. The
     multipliers are solved for together with the accelerations.
 
-    `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
-    "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `remarks` are
-    sentences on conserved quantities and constraints. `detail` is "full" or "short": the statement, L, the equations
-    and the accelerations. A part that is too large is replaced by a sentence that says so. Raises StatementError for
-    any other style or detail.
+    - `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
+      "markdown", with formulas between dollar signs, or "html", a complete page with MathML.
+    - `remarks` are sentences on conserved quantities and constraints.
+    - `detail` is "full", or "short" for the statement, L, the equations and the accelerations.
+    - `heading` is text above a LaTeX document.
+
+    A part that is too large is replaced by a sentence that says so. Raises StatementError for any other style or
+    detail.
     """
     one_of(style, FORMATS, "{given} is not a format of a derivation; they are {known}.")
     left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
@@ -87,10 +90,7 @@ def render(
 
 
 class Page(ABC):
-    """Base class of writers of derivations, one per markup language.
-
-    Each has the notation in which it writes formulas.
-    """
+    """Base class of writers of derivations, one per markup language. Each writes formulas in its `notation`."""
 
     notation: ClassVar[type[Notation]] = Notation
 
@@ -101,12 +101,12 @@ class Page(ABC):
 
     @abstractmethod
     def write(self, sections: Sequence[Section]) -> str:
-        """Return the page."""
+        """Return the whole page."""
 
     def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
         """Return the text of a section's heading.
 
-        `formula` is the format string for the symbol that the section is about.
+        `quoted` escapes words, and `formula` is the format string for the symbol that the section is about.
         """
         words = quoted(section.heading)
         return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
@@ -198,7 +198,7 @@ class LatexPage(Page):
         return text + "\n\n\\end{document}\n"
 
     def rows(self, rows: Sequence[Formula | str]) -> Iterator[str]:
-        """Yield the rows as LaTeX: sentences, and formulas of which short ones stand side by side."""
+        """Yield the rows as LaTeX: sentences and formulas. Short formulas are side by side."""
         for spoken, part in groupby(rows, lambda row: isinstance(row, str)):
             if spoken:
                 yield from map(self.row, part)
@@ -207,7 +207,7 @@ class LatexPage(Page):
                 yield self.row(group[0]) if len(group) == 1 else f"\\[ {joined} \\]"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
-        """Return a sentence in LaTeX, with its symbols as formulas.
+        """Return a sentence in LaTeX, with its symbols as formulas; `quoted` escapes the other words.
 
         Symbols are a coordinate at the start of the sentence, momenta, Greek letters, names that end with a digit, and
         rotations with their entries and rates.
@@ -256,7 +256,7 @@ class MarkdownPage(LatexPage):
 
 
 class HtmlPage(Page):
-    """An HTML page with MathML, whose sections fold; long ones are folded when it opens."""
+    """An HTML page with MathML, whose sections fold; long sections are folded when the page opens."""
 
     cell = '<mtd style="text-align: {}">{}</mtd>'
     """HTML of one cell of a formula on several lines; its alignment is right or left."""
@@ -264,7 +264,7 @@ class HtmlPage(Page):
     notation = MathmlNotation
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a complete page that loads no other file."""
+        """Return a complete HTML page that loads no other file."""
         title = escape(plain_text(self.title))
         above = (self.above.author, self.above.date, self.above.problem)
         paragraphs = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)

@@ -59,7 +59,7 @@ _MOST_PLACES = 8
 class Drawn(ABC):
     """Base class of results with a card and a picture.
 
-    `status` says whether the result is complete; `message` names missing parts.
+    `status` says whether the result is complete; `message` names what is missing.
     """
 
     statement: Statement
@@ -72,10 +72,10 @@ class Drawn(ABC):
 
     @abstractmethod
     def _lines(self) -> list[tuple[str, str]]:
-        """Return the lines of the card, a label and a text each."""
+        """Return the lines of the card as pairs (label, text)."""
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
-        """Write the picture of `plot()`, with `dpi` dots per inch.
+        """Write the picture of `plot()` to `path`, with `dpi` dots per inch, and return the path.
 
         Raises StatementError for a path that cannot be written.
         """
@@ -125,7 +125,10 @@ class PoincareSection(Drawn, SectionData):
     """Times and states at the crossings of each orbit; the result of `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a point for each crossing, a colour for each orbit; `x`, `y` are entries of the state."""
+        """Return the figure: a point for each crossing, and a colour for each orbit.
+
+        `x` and `y` are the entries of the state on the axes.
+        """
         return plot_section(self, x, y, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -139,7 +142,10 @@ class Bifurcation(Drawn, SweepData):
     """Sampled states of settled motions along a parameter; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: points of the settled motion against the parameter; `entry` is one of the state."""
+        """Return the figure: points of the settled motion against the parameter.
+
+        `entry` is the entry of the state to draw.
+        """
         return plot_sweep(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -158,7 +164,7 @@ class EquilibriumBranches(Drawn, BranchesData):
     """Branches of equilibria along a parameter; the result of `lagrange.bifurcation` without driving or section."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a line for each branch, dashed where it is unstable; `entry` is a coordinate."""
+        """Return the figure: a line for each branch, dashed where it is unstable; `entry` is the coordinate to draw."""
         return plot_branches(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -185,7 +191,7 @@ class ShownModes(Modes):
         return self._summary(written)
 
     def shapes_in_numbers(self) -> ModeShapes:
-        """Return the shapes as numbers, at the values of the parameters: all coordinates, and the stated positions.
+        """Return the shapes as numbers, for all coordinates and for the stated positions.
 
         Raises StatementError where a parameter has no value.
         """
@@ -204,14 +210,14 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return the record `data` as `kind`, a subclass that can draw itself."""
+    """Return the record `data` as an instance of `kind`, a subclass with a picture."""
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
 
 
 def _stability(values: np.ndarray, stable: np.ndarray) -> str:
-    """Return, as text, the ranges of the parameter in which a branch is stable.
+    """Return a text with the range of the parameter in which a branch is stable.
 
-    A branch is stable where no eigenvalue has a positive real part.
+    `stable` is 1 for values at which no eigenvalue has a positive real part.
     """
     within = values[stable == 1]
     if not len(within):
@@ -241,18 +247,18 @@ def phase_portrait(
 ) -> PhasePortrait:
     """Return the phase portrait on a plane of the state: field, nullclines, equilibria, separatrices and orbits.
 
-    `window` gives two entries of the state with their ranges, {theta: (-3, 3), theta.dot: (-5, 5)}. The first is the
+    `window` gives two entries of the state with their ranges, {theta: (-3, 3), theta.dot: (-5, 5)}. The first is on the
     horizontal axis; (low, high, count) sets the number of arrows. By default, for a system with one coordinate, the
     window contains the equilibria and the motions between them. For more coordinates the portrait is a slice: `at`
     fixes all other entries, {phi: 0, phi.dot: 0}, and orbits leave the plane. `starts` are initial states, dicts or
-    rows (m, 2n); by default orbits fill the plane evenly. Each orbit is followed forwards and backwards until it leaves
-    the window, closes, or ends after the time `t_end` or after `max_steps` steps, which the message reports. Their
-    defaults are 20 periods of small motions and, unless `step` is given, 20,000 steps. A coordinate with a period of 2
-    pi is an angle, and is wrapped.
+    rows (m, 2n); by default orbits fill the plane evenly. Each orbit is followed forwards and backwards. It ends where
+    it leaves the window or closes, or after the time `t_end` or `max_steps` steps, which the message reports. The
+    default of `t_end` is 20 periods of small motions. The default of `max_steps` is 20,000, unless `step` is given. A
+    coordinate with a period of 2 pi is an angle, and is wrapped.
 
     Separatrices begin on the eigenvectors of a saddle, with an error below 1e-10 of the window. For a system that
-    depends on time, the field is that of the time `t`, at which orbits begin. Ctrl-C keeps the finished parts, with
-    `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
+    depends on time, the field is evaluated at the time `t`, at which orbits begin. Ctrl-C keeps the finished parts,
+    with `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
     """
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step))
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
@@ -368,7 +374,10 @@ def _runs(
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the compiled runs of a system. `how` is (method, rtol, step), and `tight` the default of rtol."""
+    """Return the compiled model of a system, and runs of it with the same options.
+
+    `how` is (method, rtol, step), and `tight` the default of rtol for adaptive methods.
+    """
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight
@@ -384,7 +393,7 @@ def _runs(
 
 
 def _limit(max_steps: int | None, step: float | None) -> int | None:
-    """Return the limit of steps of an orbit: `max_steps`, else `ORBIT_STEPS` for adaptive methods."""
+    """Return the limit of steps of an orbit: `max_steps`, or `ORBIT_STEPS` if neither it nor `step` is given."""
     return ORBIT_STEPS if max_steps is None and step is None else max_steps
 
 

@@ -80,8 +80,8 @@ class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
     `problem` is the run of the first member. `columns` are the kept quantities. `form` says how members were run. `ran`
-    is the number of members run by this call; others were stored before or interrupted. `wall` is in seconds. `explain`
-    runs one member again for its message.
+    is the number of members run by this call; the others were in the store before, or were not run. `wall` is in
+    seconds. `explain(i)` runs member i again for its message.
     """
 
     table: MemberTable
@@ -112,8 +112,8 @@ class Ensemble:
     def y(self) -> FloatArray:
         """Final states [q, v], (2n, members); with t_eval the states at the output times, (2n, K, members).
 
-        Output times that a run did not reach have NaN. Without t_eval a state is the last one that was reached; `t` is
-        its time.
+        Without t_eval the final state of a member is the last one that its run reached, at the time in `t`. With
+        t_eval, states at output times that a run did not reach are NaN.
         """
         if self.problem.t_eval is None:
             return np.asarray(self._kept(STATE, END).T)
@@ -142,7 +142,7 @@ class Ensemble:
         return values
 
     def label(self, key: Any) -> str:
-        """Return the key as a name: of a row of `y`, a varied or a kept quantity.
+        """Return the name of a row of `y`, a varied quantity or a kept quantity; `key` is its symbol, pair or name.
 
         Raises StatementError for anything else.
         """
@@ -164,7 +164,7 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return a column of kept quantities by name. Raises StatementError if it was not kept."""
+        """Return a column of kept quantities. Raises StatementError, which calls it `name`, if it was not kept."""
         if all(kept.name != column for kept in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
@@ -189,7 +189,7 @@ class Ensemble:
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """Number of accepted steps of each member, (members,), with "counts" in keep."""
+        """Number of accepted steps of each member, (members,); it needs "counts" in keep."""
         return np.asarray(self._kept("steps", COUNTS))
 
     @property
@@ -199,16 +199,16 @@ class Ensemble:
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
-        """States at the first k occurrences of each event, (members, k, 2n)."""
+        """States at the first k occurrences of each event, (members, k, 2n), NaN after the last."""
         return tuple(self._kept(event_states(k), EVENTS) for k in range(len(self.problem.events)))
 
     def plot(self, what: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return a figure of a coordinate, a velocity or a kept quantity, by name; the default is the first of them.
 
-        Two axes of a grid give a map with the first axis horizontal. One axis gives a curve, samples and arrays a
-        histogram. With t_eval the figure shows the median and the quantiles of a row over time. Final angles are shown
-        within one turn; failed members are marked. `style` is "light" or "dark". Draws into `ax` if it is given. Raises
-        StatementError if more than two axes vary, and if no member has a value.
+        If two axes of a grid vary, it is a map with the first axis horizontal. If one varies, it is a curve; samples
+        and arrays give a histogram. With t_eval the figure shows the median and the quantiles of a row over time. Final
+        angles are shown within one turn; failed members are marked. `style` is "light" or "dark". Draws into `ax` if it
+        is given. Raises StatementError if more than two axes vary, and if no member has a value.
         """
         return plot_ensemble(self, what, ax, style)
 
@@ -221,8 +221,8 @@ class Ensemble:
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
         """Write a line for each member: its number, varied quantities, status and kept quantities; numbers round-trip.
 
-        Final states are named theta_end, arrays t_event_0[0], t_event_0[1]. Raises StatementError with t_eval and for a
-        path that cannot be written, RunError if the disk is full.
+        Columns of final states have names such as theta_end, and columns of arrays such as t_event_0[0], t_event_0[1].
+        Raises StatementError with t_eval and for a path that cannot be written, RunError if the disk is full.
         """
         if self.problem.t_eval is not None:
             raise StatementError(
@@ -242,7 +242,7 @@ class Ensemble:
         return write_atomically(path, lambda file: write_rows(file, [*columns], [c.tolist() for c in columns.values()]))
 
     def _repr_html_(self) -> str:
-        """Return the card for a notebook, with the picture if there is one."""
+        """Return the card as HTML for a notebook, with a picture if one can be drawn."""
         heading, *lines = self._card()
         card = pairs(heading[1], lines)
         return card if len(self) > MOST_DRAWN else pictured(card, self.plot, heading[1])
@@ -250,8 +250,8 @@ class Ensemble:
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset: kept quantities as functions of varied ones, with a dimension for each axis of a grid.
 
-        With t_eval a varied coordinate theta is named theta_start, because theta are the states at output times.
-        Raises StatementError without xarray.
+        With t_eval the initial values of a varied coordinate theta are named theta_start, because theta are its values
+        at the output times. Raises StatementError without xarray.
         """
         try:
             import xarray
@@ -275,14 +275,17 @@ class Ensemble:
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return the name of a varied quantity in a Dataset.
+        """Return the name of the varied quantity `label` in a Dataset.
 
-        With t_eval the start of a coordinate gets the suffix _start.
+        With t_eval the initial values of a coordinate have the suffix _start.
         """
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-        """Yield the variables of a column: name, rows, and the dimensions after those of the varied quantities."""
+        """Yield (name, values, dimensions) of each variable of a Dataset that a column gives.
+
+        The dimensions are those that follow the dimensions of the varied quantities.
+        """
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
             yield STATUS, np.array([status.value for status in STATUSES])[rows], ()
@@ -305,7 +308,7 @@ class Ensemble:
         return f"{heading}\n{text_table(('', ''), lines)}"
 
     def _card(self) -> list[tuple[str, str]]:
-        """Return the lines of the card, a label and a text each, the heading first."""
+        """Return the lines of the card as pairs (label, text), the heading first."""
         counts = np.bincount(self._codes, minlength=len(STATUSES))
         ended = listing(f"{count:,} {end.value}" for end, count in zip(STATUSES, counts.tolist(), strict=True) if count)
         shape = [count for count in self.table.varied.shape if count > 1]
@@ -332,8 +335,8 @@ class Ensemble:
 class Messages(Mapping[int, str]):
     """Messages of members that did not succeed, by number. Most are computed at first use, by running the member alone.
 
-    Rounding may differ when a member runs alone. If it then ends at another time, to six digits, the message is made
-    from the final state in the ensemble.
+    Rounding may differ when a member runs alone. If its run then ends at another time, to six digits, the message is
+    derived from its final state in the ensemble.
     """
 
     ensemble: Ensemble
@@ -444,7 +447,10 @@ def ensemble(
 def _run(
     job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
-    """Run the members of a job, or those that a store lacks, and return the Ensemble."""
+    """Run the members of a job, or those that the folder `store` lacks, and return the Ensemble.
+
+    `threads` is the number of threads without an `executor`, and `began` the time at which the call began.
+    """
     problem, method = job.problem, job.options.method
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None

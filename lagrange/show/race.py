@@ -87,9 +87,10 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 
 
 def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: FigureStyle) -> None:
-    """Draw the curve of one method.
+    """Draw the curve of one method: error against time of its `entries`.
 
-    Other libraries have open marks; errors below the uncertainty have open marks without a line.
+    Methods of other libraries have open marks. An error below the uncertainty of the reference has an open mark without
+    a line.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": own.colour, "marker": own.marker, "markersize": 5.5, "markeredgewidth": 1.0}
@@ -108,7 +109,7 @@ def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: F
 
 
 def _settings(entries: list[Entry]) -> str:
-    """Return the coarsest and the finest setting as text, such as tol = 1e-3 to 1e-9."""
+    """Return the range of settings of `entries`, from the coarsest to the finest, such as "tol = 1e-3 to 1e-9"."""
     sizes = [entry.setting for entry in entries]
     letter = "tol" if entries[0].adaptive else "h"
     ends = dict.fromkeys(_short(size) for size in (max(sizes), min(sizes)))
@@ -122,7 +123,10 @@ def _short(size: float) -> str:
 
 
 def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
-    """Shade errors that no method in doubles reaches except by chance, if they are inside the picture."""
+    """Shade errors below the rounding floor, which no method in doubles reaches except by chance.
+
+    Nothing is shaded if the floor is below the picture.
+    """
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)
@@ -167,8 +171,8 @@ _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", 
 class Race:
     """Error against time of methods on one system; iterate over it, or take `records`, for the numbers.
 
-    Errors are those at the end of the run, or the largest over its output times, in the units of the state, or relative
-    to the size of each entry if `relative`; times are in seconds.
+    Errors are those at the end of the run, or the largest over its output times. They are in the units of the state, or
+    relative to the size of each entry if `relative`. Times are in seconds.
     """
 
     result: Result
@@ -199,15 +203,14 @@ class Race:
 
     @property
     def uncertainty(self) -> float:
-        """Bound on the error of the reference, in the measure of the errors; smaller errors are not reported."""
+        """Bound on the error of the reference, in the same units as the errors; smaller errors are not reported."""
         return self.result.reference.uncertainty
 
     @property
     def floor(self) -> float:
-        """Rounding floor of the errors.
+        """Rounding floor of the errors, in the same units as the errors.
 
-        It is the change of the final state, in the measure of the errors, if one state along the run is rounded to a
-        double.
+        It is the change of the final state if the most sensitive state along the run is rounded to a double.
         """
         return self.result.sensitivity.floor
 
@@ -233,7 +236,7 @@ class Race:
         return min(within, key=lambda entry: entry.time, default=None)
 
     def measure(self) -> str:
-        """Return the definition of the errors as a sentence."""
+        """Return a phrase that defines the errors, such as "largest error of the state at t = 10"."""
         count = len(self.result.reference.times)
         where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
@@ -255,7 +258,7 @@ class Race:
         }
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write one line per run, failed ones too; numbers round-trip. See `Entry` for the columns.
+        """Write one line per run, failed runs too; numbers round-trip. The columns are the fields of `Entry`.
 
         Raises StatementError for a path that cannot be written, RunError if the disk is full.
         """
@@ -266,11 +269,11 @@ class Race:
         return write_atomically(path, picture(self.plot, dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write table.csv and, last, plot.png, and return their paths.
+        """Write table.csv and, last, plot.png into a folder, and return their paths.
 
-        The folder exists, and its other files stay. If no run reached its end there is no picture, and one of an
-        earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is
-        full.
+        The folder must exist, and its other files stay. If no run reached its end there is no picture, and the picture
+        of an earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the
+        disk is full.
         """
         drawn = picture(self.plot) if any(entry.complete for entry in self) else None
         return write_together(folder, {"table.csv": self._csv, "plot.png": drawn})
@@ -320,12 +323,12 @@ class Race:
 
 
 def setting(entry: Entry) -> str:
-    """Return the setting of an entry as text."""
+    """Return the setting of an entry, its tolerance or step, as a text."""
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
 
 
 def _few(settings: Sequence[str]) -> str:
-    """Return some settings as text; of many the first and the last."""
+    """Return the settings as a text; of three or more, the first and the last."""
     return listing(settings) if len(settings) < 3 else f"{settings[0]} to {settings[-1]}"
 
 
@@ -382,16 +385,17 @@ def race(
 
     `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one or two of
     each kind; those that do not suit the system are left out with a note. Adaptive methods run at each of `tolerances`
-    (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the motion.
-    An error is the largest of the final state, in the units of its entries. `relative` divides each entry by its
-    largest magnitude along the run. `outputs` is a number of equally spaced times at which errors are measured instead
-    of the end, with `t_eval`. Times are the least of `repeats` warm runs, in seconds; if only the end counts they are
-    those of `lg.flow`. A run that takes longer than `max_wall` seconds is stopped, and finer settings are left out.
+    (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the motion. An error
+    is the largest of the final state, in the units of its entries. With `relative` each entry is divided by its largest
+    magnitude along the run. With `outputs`, a number of equally spaced times, errors are measured at these times
+    instead of the end, with `t_eval`. Times are the least of `repeats` warm runs, in seconds. If only the end counts
+    they are times of `lg.flow`. A run that takes longer than `max_wall` seconds is stopped, and finer settings are left
+    out.
 
     Errors are against a reference run with `digits` digits, 22 by default, that shares nothing with the compiled code.
-    A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces it:
-    the final state (2n,), or the states (2n, outputs), or a method. Raises StatementError for invalid arguments,
-    RunError if the run has no end to compare, or there is no reference.
+    A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces the
+    reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for invalid
+    arguments, RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")
     check_without_contacts(statement.contacts, "a race")

@@ -25,9 +25,10 @@ STATE_NOISE = 1e-9
 
 
 def stored_between(run: Trajectory) -> dict[str, FloatArray]:
-    """Return times `t_between` (K,) between the outputs of a run and the states there, `y_between` (2n, K), for a file.
+    """Return the arrays that a file stores for times between the outputs of a run: `t_between` and `y_between`.
 
-    They are empty if the run has no dense output or would make a large file.
+    `t_between` (K,) are the times, `y_between` (2n, K) the states. They are empty if the run has no dense output or
+    would make a large file.
     """
     parts = -(-PER_STEP * run.steps // max(len(run.t) - 1, 1))
     if known_alone(run) is not None or len(run.t) < 2 or parts * len(run.t) > MOST_STORED:
@@ -37,15 +38,15 @@ def stored_between(run: Trajectory) -> dict[str, FloatArray]:
 
 
 def known_alone(run: Trajectory) -> OutputPath | None:
-    """Return the known states of a run without dense output; None for a run with dense output."""
+    """Return the states that a run without dense output has; None for a run with dense output."""
     return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
 
 
 def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
-    """Return the states at times (K,) within a run, (2n, K): from its dense output, else interpolated.
+    """Return the states at times (K,) within a run, (2n, K): from its dense output, or else interpolated.
 
     Without dense output the coordinates between two outputs are polynomials of degree 5 through the coordinates,
-    velocities and accelerations of both. Raises StatementError if the outputs are too far apart for that.
+    velocities and accelerations of both. Raises StatementError if the outputs are too far apart for such polynomials.
     """
     known_states = known_alone(solution.trajectory)
     if known_states is None or np.isin(t, known_states.times).all():
@@ -83,9 +84,9 @@ class _Between:
         return np.vstack([position, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
 
     def test(self) -> None:
-        """Raise StatementError if a polynomial violates the equations of motion.
+        """Raise StatementError if a polynomial does not satisfy the equations of motion in the middle of its interval.
 
-        In the middle of an interval h the error is c h^6/64, and that of the second derivative is 3 c h^4/8.
+        In the middle of an interval of length h the error is c h^6/64, and that of the second derivative is 3 c h^4/8.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

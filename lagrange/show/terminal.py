@@ -11,7 +11,7 @@ from typing import TextIO
 
 
 def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return an aligned table with numbers to the right, and a rule under the headings if there are any."""
+    """Return an aligned table, with numbers at the right, and a line under the headings if there are any."""
     cells = [[*map(str, row)] for row in rows]
     widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
     right = _numeric(rows, len(headings))
@@ -25,7 +25,7 @@ def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) ->
 
 
 def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
-    """Return for each column whether it holds only numbers."""
+    """Return for each column True if it holds only numbers."""
     return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
 
 
@@ -62,7 +62,7 @@ def columns_of_output() -> int:
 
 
 def _broken(line: str, columns: int) -> str:
-    """Wrap a line to at most `columns` characters. A longer word stays whole; a rule of dashes is cut off."""
+    """Return a line broken to at most `columns` characters. A longer word stays whole; a line of dashes is cut off."""
     if len(line) <= columns:
         return line
     if not line.strip(" -"):

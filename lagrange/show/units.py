@@ -8,12 +8,12 @@ from lagrange.statement.units.dimension import Dimension, named, read_dimension
 
 
 def has_units(statement: Statement) -> bool:
-    """Return whether any symbol was stated with a unit."""
+    """Return True if any symbol was stated with a unit."""
     return any(dimension.unit for dimension in statement.dimensions.values())
 
 
 def unit_of(statement: Statement, name: str) -> str:
-    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty if it is unknown."""
+    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty if it is not known."""
     if not has_units(statement):
         return ""
     if name == "t":
@@ -28,12 +28,12 @@ def unit_of(statement: Statement, name: str) -> str:
 
 
 def length_unit(statement: Statement) -> str:
-    """Return the unit of positions: the one stated with a length."""
+    """Return the unit of positions: the stated unit of a length."""
     return _unit(statement, named("length")) if has_units(statement) else ""
 
 
 def energy_unit(statement: Statement) -> str:
-    """Return the unit of energies: the stated one, J, or the product of the units of mass, length and time."""
+    """Return the unit of energies: a stated one, J, or a product of the stated units of mass, length and time."""
     if not has_units(statement):
         return ""
     stated = _unit(statement, named("energy"))
@@ -45,7 +45,7 @@ def energy_unit(statement: Statement) -> str:
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:
-    """Return the unit of a dimension: the one stated with it, rad for an angle, or the first stated one that fits."""
+    """Return the unit of a dimension: the unit stated with it, rad for an angle, or the first stated unit that fits."""
     if dimension is None or dimension.unit:
         return "" if dimension is None else dimension.unit
     if not dimension.exponents:

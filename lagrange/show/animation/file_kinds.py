@@ -12,7 +12,10 @@ SUFFIXES = (".html", ".gif", ".mp4", ".png")
 
 
 def named_kind(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file whose suffix states its kind. Raises StatementError for another suffix."""
+    """Return the path of a file, after a check that its suffix states a known kind.
+
+    Raises StatementError for another suffix.
+    """
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
     target = Path(path)

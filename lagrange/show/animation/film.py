@@ -1,4 +1,4 @@
-"""Frames of a recording on Matplotlib's axes: fixed parts are drawn once, moving parts over a copy of them."""
+"""Frames of a recording, drawn by Matplotlib: fixed parts are drawn once, moving parts over a copy of them."""
 
 from __future__ import annotations
 
@@ -80,14 +80,14 @@ points."""
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """Size of the picture in pixels, or None for a size that fits the motion, and duration of trails, as requested."""
+    """Requested size of the picture in pixels, None for one that fits the motion, and duration of trails in seconds."""
 
     size: tuple[int, int] | None
     trail: float | None
 
 
 def film_options(size: Any, trail: Any) -> FilmOptions:
-    """Return the requested options. Raises StatementError for invalid ones."""
+    """Return the options from the arguments `size` and `trail`. Raises StatementError for invalid ones."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
@@ -100,9 +100,9 @@ def film_options(size: Any, trail: Any) -> FilmOptions:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """R curves at S samples for one panel over time, with their labels and colours.
+    """R curves at S samples for one panel over time: `rows` (R, S), with their labels and colours.
 
-    `title` is that of the panel, with the unit.
+    `title` is the title of the panel, with the unit.
     """
 
     title: str
@@ -113,7 +113,7 @@ class Rows:
 
 
 def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
-    """Return the panels over time of a recording: its coordinates, if it has no named points, and its energies."""
+    """Return the panels over time of a recording: energies, and coordinates if no points are named."""
     panels = [] if recording.points else _coordinates(recording, style)
     if recording.energies:
         names, zero = tuple(recording.energies), recording.zero
@@ -141,7 +141,7 @@ def _coordinates(recording: Recording, style: FigureStyle) -> list[Rows]:
 
 
 class Film:
-    """Draws the frames of a recording as pixels, by number. The first call also draws the fixed parts."""
+    """Draws the frames of a recording as pixels. The fixed parts are drawn with the first frame."""
 
     def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: FigureStyle) -> None:
         self.recording, self.timing, self.style = recording, timing, style
@@ -159,9 +159,9 @@ class Film:
 
     @property
     def scene_share(self) -> float:
-        """Height of the panel of the scene, as a fraction of the height of the picture.
+        """Height of the panel with the moving points, as a fraction of the height of the picture.
 
-        Without points the scene is that of the coordinates.
+        Without points it is the height of the panel with the coordinates.
         """
         return self.plan.scene[3] if self.scene is not None else 0.7
 
@@ -175,7 +175,7 @@ class Film:
         return len(self.timing.t)
 
     def frame(self, number: int) -> Pixels:
-        """Draw frame `number` and return its pixels. They are overwritten by the next frame."""
+        """Draw frame `number` and return its pixels. The next frame overwrites this array."""
         t = float(self.timing.t[number])
         return self._drawn.at(number * self.recording.detail, self.clock_text(t))
 
@@ -221,9 +221,9 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """Pixels of the fixed parts with all curves at full opacity.
+        """Pixels of the fixed parts, with all curves at full opacity.
 
-        A later frame copies from it the part of each curve up to its time.
+        Each frame copies from these pixels the part of each curve up to its time.
         """
         for chart in self.charts:
             for line in chart.clear:
@@ -231,7 +231,7 @@ class _FilmFigure:
         return self.pixels.copy()
 
     def header(self, film: Film) -> None:
-        """Write the name of the system, and the speed if it is not real time; make the text of the clock."""
+        """Write the name of the system, and the speed if it is not real time; create the text of the clock."""
         style, (width, height) = film.style, film.size
         across, top = width / film.plan.scale, height / film.plan.scale - 20
 
@@ -248,7 +248,7 @@ class _FilmFigure:
             write(14, top - 15, "coordinates; no positions are stated", style.quiet, fontsize=10)
 
     def at(self, k: int, clock: str) -> Pixels:
-        """Draw sample k and the text of the clock, and return the pixels."""
+        """Draw sample number `k` and the text `clock`, and return the pixels."""
         self.pixels[...] = self.still
         clear = self.clear if k else self.still
         self.pixels[...] = self.still
@@ -264,7 +264,7 @@ class _FilmFigure:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Layout of a picture: its size, the scale of all sizes, and the rectangles of its panels.
+    """Layout of a picture: its size, a scale factor for fonts and lines, and the rectangles of its panels.
 
     A rectangle is (left, bottom, width, height), as fractions of the picture.
     """
@@ -276,7 +276,10 @@ class _Plan:
 
 
 def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
-    """Return the layout of the scene and of `count` panels: above one another, or side by side if the scene is tall."""
+    """Return the layout of the panel of points and of `count` other panels.
+
+    Panels are above one another, or side by side if the first is tall. `size` is the requested size in pixels or None.
+    """
     width = size[0] if size else PICTURE_WIDTH
     scale = max(SMALLEST_SCALE, width / PICTURE_WIDTH)
     across = width / scale
@@ -316,7 +319,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
 
 
 class MovingScene:
-    """Named points with their links and trails, as moving artists of one panel."""
+    """One panel with the moving named points, their links and their trails."""
 
     def __init__(self, recording: Recording, trail: float, style: FigureStyle) -> None:
         self.recording, self.style = recording, style
@@ -352,12 +355,12 @@ class MovingScene:
 
     @property
     def ratio(self) -> float:
-        """Ratio of height to width that fits the motion."""
+        """Ratio of height to width of the panel that fits the motion."""
         width, height = np.ptp(self.limits, axis=1)
         return float(height / width) if self.to_scale else 0.6
 
     def place(self, axis: Axes) -> None:
-        """Draw the fixed parts into a panel, and make the moving artists."""
+        """Draw the fixed parts into the panel `axis`, and prepare the moving parts."""
         style, unit = self.style, length_unit(self.recording.statement)
         dress(axis, style)
         window = axis.get_window_extent()
@@ -382,7 +385,7 @@ class MovingScene:
             legend(axis, style)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw the moving parts at sample k."""
+        """Draw the moving parts at sample number `k`."""
         now, style = self.seen[:, :, k], self.style
         if self.shadows is not None:
             below = self.shadows[:, :, k]
@@ -412,7 +415,7 @@ class MovingScene:
 
 
 class Pen:
-    """Draws lines and marks in a panel with Matplotlib's renderer, in a tenth of the time that its artists take."""
+    """Draws lines and marks in a panel directly with Matplotlib's renderer, ten times as fast as with artists."""
 
     def __init__(self, renderer: Any, axis: Axes, paper: str) -> None:
         from matplotlib.colors import to_rgb
@@ -440,7 +443,7 @@ class Pen:
         self._renderer.draw_path(context, self._path(points.T), self._place)
 
     def marks(self, points: FloatArray, colour: str, size: float, shape: str = "o") -> None:
-        """Draw circles or squares ("s") at points (2, K), `size` points wide, with an edge of the background."""
+        """Draw circles or squares ("s") at points (2, K), `size` points wide, with an edge in the background colour."""
         if points.shape[1]:
             size *= self._point
             context, mark, where = self._context(self._paper, 1.0), self._shapes[shape], self._path(points.T)
@@ -452,7 +455,7 @@ class Pen:
 class MovingChart:
     """Curves over time in one panel.
 
-    They are pale at first, at full opacity up to the time of the frame, with a dot there.
+    The curves are pale. Up to the time of the frame they have full opacity, and a dot there.
     """
 
     def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: FigureStyle, *, named: bool) -> None:
@@ -479,16 +482,16 @@ class MovingChart:
             axis.tick_params(labelbottom=False)
 
     def past(self, k: int, height: int) -> tuple[slice, slice]:
-        """Return the slices of pixel rows and columns that contain the curves up to sample k.
+        """Return the slices of pixel rows and columns that contain the curves up to sample number `k`.
 
-        `height` is that of the picture in pixels.
+        `height` is the height of the picture in pixels.
         """
         box, transform = self.axis.get_window_extent(), self.axis.transData.transform
         left, right = sorted(round(float(transform((float(self.t[n]), 0.0))[0])) for n in (0, k))
         return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw the vertical line of the current time, at sample k, and a dot on each curve."""
+        """Draw a vertical line at the time of sample number `k`, and a dot on each curve there."""
         t = float(self.t[k])
         pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, 1.0)
         for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):

@@ -32,9 +32,10 @@ _AT_ONCE = 2048
 
 
 def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames; `tell` is called with the number of each drawn frame.
+    """Write all frames, each shown for `interval`; `tell` is called with the number of each drawn frame.
 
-    A frame is the rectangle of the changed pixels; unchanged pixels in it are transparent, which compresses well.
+    A frame of the file is the smallest rectangle that contains the changed pixels. Unchanged pixels in it are
+    transparent, which compresses well.
     """
     from PIL import GifImagePlugin
     from PIL.Image import fromarray
@@ -77,7 +78,7 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 class _Colours:
-    """Maps each pixel to the nearest of 255 colours: those of a film in shades towards the background."""
+    """Maps each pixel to the nearest of at most 255 colours: those of a film and their blends with the background."""
 
     def __init__(self, own: tuple[str, ...]) -> None:
         base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))
@@ -106,7 +107,7 @@ class _Colours:
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return for each pixel the index of its colour in a grid of 32 by 32 by 32 colours, the keys of a table."""
+    """Return for each pixel (K, 4) the index of its colour, rounded to a grid of 32 by 32 by 32 colours."""
     red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
     cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
     return cells
@@ -116,14 +117,14 @@ PROGRAM = "ffmpeg"
 
 
 def has_ffmpeg() -> bool:
-    """Return whether ffmpeg is installed."""
+    """Return True if ffmpeg is installed."""
     return shutil.which(PROGRAM) is not None
 
 
 def write_mp4(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames to a named file; `tell` is called with the number of each drawn frame.
+    """Write all frames, each shown for `interval`; `tell` is called with the number of each drawn frame.
 
-    Raises RunError with the last line of the output of ffmpeg if it fails.
+    Raises RunError with the last line of ffmpeg's output if ffmpeg fails.
     """
     width, height = film.size
     command = [

@@ -32,11 +32,13 @@ JUMP = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A run at S = (K - 1) detail + 1 times: those of K frames, and detail - 1 between two of them.
+    """A run at S = (K - 1) detail + 1 times `t`: the times of K frames, and detail - 1 times between two frames.
 
-    `states` are (2n, S), the named `points` (2, S) or (3, S), and the `energies` by name (S,): T and V if both were
-    stated, and E. Points and energies may be empty. `change` (S,) is that of E relative to its size, and `kept` says
-    whether it is conserved. `jumps` are the samples after which an event set states or parameters.
+    - `states` are (2n, S).
+    - `points` are the named points, (2, S) or (3, S) each; the dict may be empty.
+    - `energies` are T, V and E by name, (S,) each; T and V only if both were stated. The dict may be empty.
+    - `change` (S,) is the change of E relative to its size, and `kept` is true if E is conserved.
+    - `jumps` are the indices of the samples after which an event sets states or parameters.
     """
 
     statement: Statement
@@ -54,9 +56,9 @@ class Recording:
 
     @property
     def zero(self) -> float:
-        """Energy that is subtracted from V and E for drawing: the least V or 0.
+        """Energy that is subtracted from V and E for drawing: 0, or the least V.
 
-        It is the least V if the curves, drawn from 0, would look like straight lines.
+        It is the least V if curves that start from 0 would look like straight lines.
         """
         if len(self.energies) < 2:
             return 0.0
@@ -66,12 +68,12 @@ class Recording:
 
     @property
     def frames(self) -> slice:
-        """Slice that selects the frames from the samples."""
+        """Slice that selects the samples of the frames."""
         return slice(None, None, self.detail)
 
 
 def recording_of(solution: Solution, timing: Timing) -> Recording:
-    """Return the recording of a run at its frames and between them, from its dense output.
+    """Return the recording of a run, from its states at the frames and between them.
 
     Raises StatementError where a named point has no position, and for a run from a file with too few states.
     """
@@ -132,7 +134,7 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _deviation(row: FloatArray, factor: int) -> float:
-    """Return the largest distance of a row (S,) from straight lines between every `factor`-th of its samples."""
+    """Return the largest distance of a row (S,) from straight lines through every `factor`-th of its samples."""
     coarse = row[::factor]
     share = np.arange(factor) / factor
     lines = coarse[:-1, None] * (1 - share) + coarse[1:, None] * share
@@ -140,7 +142,7 @@ def _deviation(row: FloatArray, factor: int) -> float:
 
 
 def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """Return the energies by name that have a value at every sample; none of them if E itself has a gap."""
+    """Return the energies at the samples, by name: those that have a value everywhere. Without E the dict is empty."""
     if not solution.has_energy:
         return {}
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)
@@ -156,7 +158,10 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
 
 
 def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
-    """Return the indices (k,) of the samples before a jump: an event sets states or parameters before the next one."""
+    """Return the indices (k,) of the samples before a jump.
+
+    At a jump an event sets states or parameters, before the next sample.
+    """
     run = solution.trajectory
     times = [np.empty(0)] if run.history is None else [run.history.begins[1:]]
     if known_alone(run) is None:

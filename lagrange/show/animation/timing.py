@@ -1,4 +1,4 @@
-"""Timing of an animation: the time in the run of each frame, and the speed."""
+"""Timing of an animation: the speed, and for each frame its time in the run."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _ROUND = (1.0, 2.0, 5.0)
 class Timing:
     """Times of the frames in the run, (K,), and the duration of each frame on the screen, in seconds.
 
-    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` are sentences on
-    settings that differ from the requested ones.
+    The first frame is at the start of the run. `speed` is the time of the run per second on the screen; `notes` are
+    sentences on settings that differ from the requested ones.
     """
 
     t: FloatArray
@@ -44,7 +44,7 @@ class Timing:
 
     @property
     def fps(self) -> float:
-        """Frames per second, adjusted so that the last frame is exactly at the end of the run."""
+        """Frames per second. It is adjusted so that the last frame is exactly at the end of the run."""
         return 1.0 / self.interval
 
     @property
@@ -54,11 +54,10 @@ class Timing:
 
 
 def timing(span: tuple[float, float], fps: float, speed: float | None = None) -> Timing:
-    """Return the frames of a run from span[0] to span[1]; times may decrease.
+    """Return the timing of a run from span[0] to span[1], which may be earlier, at about `fps` frames per second.
 
-    Without `speed` the run is shown in real time, one unit of time per second, if it takes at least 1 s and at most the
-    time of `MOST_FRAMES` frames; else at a round speed for which it does. With `speed`, frames after `MOST_FRAMES` are
-    cut.
+    Without `speed` the run is shown in real time, one unit of time per second. If that takes less than 1 s or more than
+    `MOST_FRAMES` frames, a round speed is chosen instead. With `speed`, frames after `MOST_FRAMES` are cut.
     """
     fps = real_number(fps, "fps")
     if not LEAST_FPS <= fps <= MOST_FPS:
@@ -111,9 +110,9 @@ def _said(speed: float | None, pace: float, whole: float) -> tuple[str, ...]:
 
 
 def _fitting(whole: float, fps: float) -> float:
-    """Return the speed for a run of duration `whole`.
+    """Return the speed for a run of duration `whole`, at `fps` frames per second.
 
-    It is 1, real time, or a round speed if the run would else be too short or too long.
+    It is 1, real time, or a round speed if the animation would be too short or too long otherwise.
     """
     longest = (MOST_FRAMES - 1) / fps
     if whole < _TINY or SHORTEST_RUN <= whole <= longest:
@@ -124,6 +123,6 @@ def _fitting(whole: float, fps: float) -> float:
 
 
 def _rounded_up(value: float) -> float:
-    """Return the least of 1, 2 and 5 times a power of ten that is at least the value."""
+    """Return the least number not below `value` that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(digit * power for digit in (*_ROUND, 10.0) if digit * power >= value * (1 - 1e-12))

@@ -1,4 +1,4 @@
-"""Curves from dense output, exact within a pixel; windows of runs that blow up; offsets of nearly equal values."""
+"""Curves from dense output, exact within a pixel; limits for runs that diverge; offsets of nearly equal values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ label. Tick labels would else share more than five digits."""
 
 
 def base_of(values: FloatArray) -> float:
-    """Return a round number to subtract from values that are almost equal, else 0."""
+    """Return a round number to subtract from values that are almost equal; 0 for other values."""
     size = float(np.max(np.abs(values), initial=0.0))
     extent = float(np.ptp(values)) if len(values) else 0.0
     if not LEVEL_RANGE * size < extent < _NARROW * size:
@@ -29,16 +29,17 @@ def base_of(values: FloatArray) -> float:
 
 
 def less(label: str, base: float) -> str:
-    """Return a label of values from which `base` was subtracted: "x - 1000"."""
+    """Return the label of values from which the number `base` was subtracted, such as "x - 1000"."""
     if base == 0:
         return label
     return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
 
 
 def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
-    """Return the limits of an axis around the finite values, with a margin.
+    """Return the limits (low, high) of an axis around the finite values, with a margin.
 
-    A change that is rounding noise of the values, or of `scale`, is drawn as a level line in the middle.
+    If the values differ only by rounding noise, relative to the values or to `scale`, they are in the middle of the
+    axis, as a level line.
     """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -70,7 +71,7 @@ _SAMPLES = 2001
 
 @dataclass(frozen=True)
 class AxisWindow:
-    """Limits (low, high) of the panel of a run whose values grow beyond it, and the largest value outside."""
+    """Limits (low, high) of a panel for a run whose values leave them, and `largest`, the largest value outside."""
 
     low: float
     high: float
@@ -78,7 +79,7 @@ class AxisWindow:
 
     @property
     def note(self) -> str:
-        """Note on the values outside of the window."""
+        """Note that names the largest value outside of the limits."""
         return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     @property
@@ -88,15 +89,15 @@ class AxisWindow:
         return self.low - room, self.high + room
 
     def clipped(self, rows: FloatArray) -> FloatArray:
-        """Return rows in which values beyond the bounds are replaced by them."""
+        """Return rows of values, limited to the bounds."""
         return np.clip(rows, *self.bounds)
 
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
-    """Return the window of rows (r, K) of a run, or None if the panel shows all their values.
+    """Return the limits for rows of values (r, K) of a run, or None if the panel shows all values.
 
-    The window contains the middle of the values, weighted by time, and as much again on either side. A run that did not
-    end at a singularity is shown whole, and so is one whose values are all within these limits.
+    The limits contain the middle of the values, weighted by time, and as much again on either side. None is returned
+    for a run that did not end at a singularity, and for a run whose values are all within the limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -125,8 +126,8 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
 def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
     """Return the initial times (K,) of a curve in a plane or in space, and a note if the run leaves its panel.
 
-    `values` are the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first one at
-    which a coordinate is outside of its window.
+    `values(t)` returns the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first
+    time at which a coordinate is outside of its limits.
     """
     t = first_times(solution.trajectory)
     rows = values(t)
@@ -145,7 +146,10 @@ def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
 
 
 def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
-    """Return the limits for several curves, each in its window or whole; None if all are whole."""
+    """Return the limits of a panel for several curves, or None if all curves are shown whole.
+
+    `drawn` are the curves. A curve is within its window, or whole if its window is None.
+    """
     if all(window is None for window in windows):
         return None
     ends = [value for window in windows if window is not None for value in (window.low, window.high)]
@@ -200,9 +204,10 @@ class Pixels:
 
 
 def first_times(run: Trajectory) -> FloatArray:
-    """Return the initial times, (K,) from the first output to the last: all outputs and times between steps.
+    """Return the times at which a curve is sampled first, (K,): all outputs, and times between the steps.
 
-    Of very many outputs it is a selection at irregular distances, so that it is not in step with an oscillation.
+    If there are very many outputs, some are selected at irregular distances. Equal distances could be in step with an
+    oscillation.
     """
     t = run.t
     if len(t) > MOST_SAMPLES:
@@ -217,18 +222,19 @@ def first_times(run: Trajectory) -> FloatArray:
 
 
 def outputs_alone(run: Trajectory) -> bool:
-    """Return True if a run has states at its outputs only, without dense output, as a run from a file."""
+    """Return True if a run has states at its outputs only and no dense output, such as a run from a file."""
     return known_alone(run) is not None
 
 
 def over_time(
     values: Rows, t: FloatArray, pixels: Pixels, *, together: bool = True, rounds: int = MOST_ROUNDS
 ) -> list[FloatArray]:
-    """Return a line for each row of values, corners (2, K) with time first, exact within a pixel.
+    """Return a line for each row of values: its corners (2, K), with times first, exact within a pixel.
 
-    It goes from the first of the times (K,) to the last, rising or falling, in a panel that the values fill. Rows that
-    are not drawn `together` have a scale each. Where several oscillations share a column of pixels the line has their
-    exact minimum and maximum. Chords are halved at most `rounds` times: few if the values end as rounding noise.
+    `values(t)` returns the rows (r, K) at times (K,). A line begins at the first of the times `t` and ends at the last,
+    which may be earlier. The rows fill a panel of the size `pixels`: together, or each with its own scale if `together`
+    is false. Where several oscillations are in one column of pixels, the line has their exact minimum and maximum.
+    Intervals are halved at most `rounds` times; few are enough for values that are rounding noise.
     """
     rows = values(t)
     height = _extents(rows, axis=(0, 1) if together else 1)
@@ -241,7 +247,7 @@ def over_time(
 def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = True) -> tuple[FloatArray, FloatArray]:
     """Return times (K,) and points of the plane (p, 2, K), whose polylines are exact within a pixel.
 
-    The panel is filled by the points; with `equal` the scale is the same in both directions.
+    `points(t)` returns the points at times (K,). They fill the panel; with `equal` both directions have the same scale.
     """
     found = points(t)
     scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(found, axis=(0, 2)))
@@ -259,7 +265,7 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = Tru
 
 
 def lengths(points: FloatArray) -> FloatArray:
-    """Return the arc length of the polyline of points (p, 2, K) at each corner, (K,), the largest over the points."""
+    """Return the arc length up to each corner of polylines (p, 2, K), (K,): the largest among the p polylines."""
     steps = np.nan_to_num(np.hypot(*np.moveaxis(np.diff(points, axis=2), 1, 0)))
     gone = np.concatenate([np.zeros((len(points), 1)), np.cumsum(steps, axis=1)], axis=1)
     longest: FloatArray = gone[np.argmax(gone[:, -1])] if len(gone) else np.zeros(points.shape[2])
@@ -267,7 +273,7 @@ def lengths(points: FloatArray) -> FloatArray:
 
 
 def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
-    """Return the range of the finite values along axes, 0 if they are level."""
+    """Return the range of the finite values along axes, 0 for values that differ only by rounding."""
     finite = np.isfinite(values)
     low = np.min(values, axis=axis, initial=np.inf, where=finite)
     high = np.max(values, axis=axis, initial=-np.inf, where=finite)
@@ -275,13 +281,13 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
 
 
 def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
-    """Return pixels per unit; 0 if the extent is 0."""
+    """Return the number of pixels per unit; 0 if the extent is 0."""
     some = np.asarray(extent) > 0
     return np.where(some, pixels / np.where(some, extent, 1.0), 0.0)
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (r, K) as points (r, 2, K) whose abscissa is the time."""
+    """Return values (r, K) at times t (K,) as points (r, 2, K): time, then value."""
     return np.stack([np.broadcast_to(t, values.shape), values], axis=1)
 
 
@@ -295,8 +301,9 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and values, with intervals halved until every chord is within the tolerance of the curve.
 
-    `placed` maps times (K,) and values (r, K) to points (p, 2, K); `scale` (p, 2) is pixels per unit. Intervals next to
-    an inexact chord, or to a turn whose end is missed, are tested again.
+    `found` (r, K) are the values at the times `t` (K,). `placed` maps times and values to points (p, 2, K), and `scale`
+    (p, 2) is the number of pixels per unit. Intervals next to an inexact chord, or to a turning point whose extreme
+    value is missed, are tested again.
     """
     most = min(MOST_SAMPLES, _MOST_VALUES // max(len(found), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -318,11 +325,11 @@ def _refined(
 
 
 def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
-    """Return for each interval of times (K,), (K - 1,), whether it is beside a turn whose end is missed.
+    """Return for each of the K - 1 intervals of times (K,) True if a turning point beside it is missed by a pixel.
 
-    A turn is a place where points (p, 2, K) go back, to the right or upwards. Its end is that of the parabola through
-    three points. The distance from a chord is not sufficient: where many oscillations share a column of pixels the
-    curve is almost vertical and lies on its chord, however far it continues.
+    At a turning point the points (p, 2, K) go back, to the right or upwards. Its extreme value is that of the parabola
+    through three points. The distance from a chord does not suffice. Where many oscillations are in one column of
+    pixels, the curve is almost vertical and lies on its chord, however far it continues.
     """
     flags = np.zeros(max(len(t) - 1, 0), dtype=bool)
     with np.errstate(all="ignore"):
@@ -346,7 +353,10 @@ def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the largest distance in pixels from points (p, 2, K) to chords between two others, (K,), or 0."""
+    """Return the largest distance in pixels of each point `middle` from the chord between two other points, (K,).
+
+    Points are (p, 2, K); the distance is the largest among the p points, and 0 if it has no value.
+    """
     with np.errstate(all="ignore"):
         chord, away = (end - begin) * scale[:, :, None], (middle - begin) * scale[:, :, None]
         square = np.sum(chord**2, axis=1)
@@ -356,9 +366,9 @@ def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: Flo
 
 
 def thinned(t: FloatArray, row: FloatArray, pixels: Pixels) -> FloatArray:
-    """Return values (N,) at times (N,) as a line (2, K): in each column the first, last, smallest and largest.
+    """Return values (N,) at times (N,) as a line (2, K): in each column of pixels the first, last, least and largest.
 
-    It covers the same pixels as the line through all of them: U. Jugel et al., M4: a visualization-oriented time
+    The line covers the same pixels as the line through all values: U. Jugel et al., M4: a visualization-oriented time
     series data aggregation, VLDB Endowment 7 (2014) 797.
     """
     columns = int(_COLUMNS * pixels.width)

@@ -76,7 +76,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 
 def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
-    """Draw arrows of equal length in the directions that orbits have in the picture."""
+    """Draw arrows of equal length, in the directions in which orbits go in the picture."""
     widths = np.array([axis_range.width for axis_range in portrait.plane])
     u, v = portrait.u / widths[0], portrait.v / widths[1]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -115,7 +115,7 @@ def _nullclines(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
     """Return the two coordinates of an orbit on the plane, (k,) each, exact within a pixel.
 
-    NaN separates its parts.
+    NaN separates pieces of the line, such as those of an angle that wraps.
     """
     first, second = portrait.plane
     rows = [first.row, second.row]
@@ -134,7 +134,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
 
 
 def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
-    """Return the two entries of a run that the axes show, at times (K,): (1, 2, K)."""
+    """Return the entries `rows` of a run, which the two axes show, at times (K,): (1, 2, K)."""
     return np.asarray(run.dense(t)[rows][None])
 
 
@@ -181,7 +181,10 @@ LARGEST_POINT, SMALLEST_POINT = 6.0, 0.5
 
 
 def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a section: a colour for each orbit, and the border of the region that the energy allows."""
+    """Return the figure of a section: a colour for each orbit, and the border of the region that the energy allows.
+
+    `x` and `y` are the entries of the state on the axes, None for the defaults.
+    """
     look, statement = style_of(style), section.statement
     if not len(section.points):
         raise StatementError(f"there is nothing to draw: {section.message}")
@@ -206,7 +209,7 @@ def _diameter(count: int) -> float:
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:
-    """Return two entries of states (..., 2n); angles are between -pi and pi."""
+    """Return two entries, `columns`, of states (..., 2n), (...,) each; angles are shifted to between -pi and pi."""
     return [wrapped(states[..., k], -np.pi) if is_angle(statement, k) else states[..., k] for k in columns]
 
 
@@ -230,7 +233,7 @@ def _label(axis: Axes, statement: Statement, columns: list[int], points: FloatAr
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a bifurcation diagram: the sampled points against the parameter."""
+    """Return the figure of a bifurcation diagram: the entry `entry` of sampled states against the parameter."""
     look, statement = style_of(style), sweep.statement
     row = row_of(statement, sweep.axes[0] if entry is None else entry, "entry")
     valid = np.isfinite(sweep.states[..., row])
@@ -272,7 +275,7 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
 
 
 def plot_branches(found: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of branches of equilibria: solid lines where they are stable, dashed lines elsewhere."""
+    """Return the figure of the coordinate `entry` of equilibria: solid lines where they are stable, else dashed."""
     look, statement = style_of(style), found.statement
     row = row_of(statement, found.axis if entry is None else entry, "entry")
     if row >= len(statement.names) or not found.branches:

@@ -53,7 +53,7 @@ class MemberQuantity:
 
     @property
     def remark(self) -> str:
-        """Sentence about members that are not in the picture, empty if all are."""
+        """Sentence about members that the picture does not show; empty if it shows all."""
         said, members = [], len(self.values)
         lost = int(self.failed.sum()) - self.unrun
         none = int((~np.isfinite(self.values) & ~self.failed).sum())
@@ -115,7 +115,10 @@ def _parameter(statement: Statement, name: str) -> str:
 
 
 def first_drawn(runs: Ensemble) -> str:
-    """Return the name of the default quantity: the first kept one that is not a state, else the first coordinate."""
+    """Return the name of the quantity to draw by default.
+
+    It is the first kept quantity with one number for each member, else the first coordinate, else a time.
+    """
     kept = [column.name for column in runs.columns if column.name not in (STATE, OUTPUTS, STATUS, TIME)]
     numbers = [column.name for column in runs.columns if column.name in kept and not column.shape]
     if numbers:
@@ -145,7 +148,7 @@ EVEN_SPACING = 1e-9
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a row of `y` or a kept quantity against the varied quantities."""
+    """Return the figure of `what`, a row of `y` or a kept quantity, against the varied quantities."""
     look, label = style_of(style), first_drawn(runs) if what is None else runs.label(what)
     axes = {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)
@@ -178,10 +181,7 @@ def _title(runs: Ensemble, what: str) -> str:
 
 
 def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> str:
-    """Draw a map, a colour for each pair of values on two axes, and return the remark below it.
-
-    The first axis is horizontal.
-    """
+    """Draw a map of a quantity over the two varied ones, the first horizontal, and return the remark below it."""
     from matplotlib.colors import ListedColormap
 
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
@@ -214,7 +214,7 @@ def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
-    """Draw a colour for each value (k, m) at x (m,) and y (k,), as an image if these are equally spaced."""
+    """Draw a coloured cell for each value (k, m) at x (m,) and y (k,); equally spaced cells are drawn as an image."""
     steps = np.diff(x), np.diff(y)
     if all(step[0] > 0 and np.ptp(step) <= EVEN_SPACING * step.sum() for step in steps):
         (dx, dy) = (float(step[0]) / 2 for step in steps)

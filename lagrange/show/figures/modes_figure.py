@@ -38,7 +38,7 @@ LARGEST_DISPLACEMENT = 0.22
 def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
     """Return the figure of modes: a row for each, with its components as bars and, if positions are stated, its shape.
 
-    On a user's axes the components of all modes are bars side by side.
+    On axes `ax` of the user the components of all modes are bars side by side.
     """
     look = style_of(style)
     if not len(shapes.components):
@@ -105,7 +105,7 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
 
 
 def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArray], float]:
-    """Return the points at rest (2,), the displacements of m modes (m, 2), and the extent of the points.
+    """Return the points at rest by name, (2,) each, their displacements (m, 2) in m modes, and the points' extent.
 
     Points and displacements are projected to the plane.
     """
@@ -128,7 +128,10 @@ def _shape(
     k: int,
     look: FigureStyle,
 ) -> None:
-    """Draw the positions at rest in a pale colour, and the displaced positions with arrows."""
+    """Draw mode number `k`: the positions at rest in a pale colour, and the displaced positions with arrows.
+
+    `seen` has the points, their displacements and the extent, as `_seen` returns them.
+    """
     points, moved, extent = seen
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
     scale = LARGEST_DISPLACEMENT * extent / largest if largest > 1e-12 else 0.0
@@ -157,9 +160,9 @@ def _shape(
 
 
 def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, FloatArray], extent: float) -> None:
-    """Set the same limits for all modes.
+    """Set limits of a panel that are the same for all modes.
 
-    They contain the points at rest with the largest displacement, and are not a narrow strip.
+    They contain the points at rest and their largest displacements, and are not a narrow strip.
     """
     whole = np.array(list(points.values()))
     middle = (whole.max(axis=0) + whole.min(axis=0)) / 2
@@ -170,7 +173,10 @@ def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, Floa
 
 
 def plot_eigenvalues(path: EigenvaluePath, style: Any = "light") -> Figure:
-    """Return a figure of real and imaginary parts; real parts above zero mean that the equilibrium is unstable."""
+    """Return a figure of the real and imaginary parts of eigenvalues along a parameter.
+
+    A real part above zero means that the equilibrium is unstable.
+    """
     look = style_of(style)
     figure = new_figure(figsize=(7.2, 6.0), layout="constrained")
     growth, frequency = figure.subplots(2, 1, sharex=True)
@@ -193,9 +199,9 @@ def plot_stability(
 ) -> Figure:
     """Return a figure of the stability boundaries of methods, by name or instance, for rates between left and right.
 
-    A step is stable to the left of, or inside, its line; the region where every method is stable is shaded. Raises
-    StatementError for a splitting, which has no damping and is stable only on a part of the imaginary axis (see
-    `lg.methods.stability`), and for a method without steps of its own.
+    A step is stable to the left of its boundary, or inside it. The region where every method is stable is shaded.
+    Raises StatementError for a method without steps of its own, and for a splitting. A splitting has no damping and is
+    stable only on a part of the imaginary axis, which `lg.methods.stability` returns.
     """
     look = style_of(style)
     left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")

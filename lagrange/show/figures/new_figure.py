@@ -1,4 +1,4 @@
-"""Figures without pyplot, and with a representation in notebooks."""
+"""Figures that are created without pyplot, and that a notebook can show."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ SCREEN_DPI = 80
 
 
 def new_figure(**options: Any) -> Figure:
-    """Return an empty figure. The arguments are those of Matplotlib's `Figure`."""
+    """Return an empty figure. The options are those of Matplotlib's `Figure`."""
     return _figure_class()(**options)
 
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Return the class `ShownFigure`. It is made with the first figure: Matplotlib takes 0.2 s to import."""
+    """Return the class `ShownFigure`. It is defined at the first figure: the import of Matplotlib takes 0.2 s."""
     from matplotlib.figure import Figure
 
     class ShownFigure(Figure):
-        """A Matplotlib figure that a notebook shows, sharp on screens with two dots per pixel."""
+        """A Matplotlib figure that a notebook shows, sharp on screens with two pixels per point."""
 
         __qualname__ = "ShownFigure"  # the name under which pickle looks it up in this module
 
@@ -46,7 +46,7 @@ def _figure_class() -> type[Figure]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class for pickle, which looks it up by name (PEP 562)."""
+    """Return the class of figures by name, for pickle (PEP 562)."""
     if name == "ShownFigure":
         return _figure_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -65,8 +65,8 @@ _LONGEST = 40.0
 def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "light") -> Figure:
     """Return a Matplotlib figure of empty panels, which a notebook shows: `left, right = lg.figure(columns=2).axes`.
 
-    Panels are drawn on with Matplotlib's methods, or passed to plots as `ax`. `size` is (width, height) in inches,
-    `style` is "light" or "dark". Raises StatementError for another style, an invalid size, and too many panels.
+    Users draw on the panels with Matplotlib's methods, or pass them to plots as `ax`. `size` is (width, height) in
+    inches, `style` is "light" or "dark". Raises StatementError for another style, an invalid size, and too many panels.
     """
     look = style_of(style)
     rows, columns = (whole_number(count, what, 1, _MOST) for count, what in ((rows, "rows"), (columns, "columns")))

@@ -1,4 +1,4 @@
-"""Panels of a figure: what they show, their axes with ticks of angles, curves over time and in a plane."""
+"""Panels of a figure: their quantities, their axes with ticks of angles, curves over time and in a plane."""
 
 from __future__ import annotations
 
@@ -78,8 +78,8 @@ Values = Callable[["Solution"], FloatArray]
 class PanelQuantity:
     """Quantity in one panel over time: the values of its rows, their labels in mathematics or words, and the unit.
 
-    `name` is the title of the panel; if it is empty, the only label is beside the panel. `drift` is true if the values
-    are the change of a conserved quantity, which measures the error of the steps.
+    `name` is the title of the panel. If it is empty, the only label is written beside the panel. `drift` is true if the
+    values are the change of a conserved quantity, which measures the error of the steps.
     """
 
     name: str
@@ -90,9 +90,9 @@ class PanelQuantity:
 
 
 def entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
-    """Return the chosen coordinates, or their velocities with `rate`.
+    """Return quantities for panels of the chosen coordinates, or of their velocities with `rate`.
 
-    There is one per panel, or several if there are many, or all are in one panel with `merged`.
+    There is one coordinate per panel, several if there are many coordinates, and all in one panel with `merged`.
     """
     together = len(chosen) if merged else ceil(len(chosen) / PANELS)
     groups = [chosen[k : k + together] for k in range(0, len(chosen), together)]
@@ -111,7 +111,7 @@ def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> PanelQu
 
 
 def _above(names: Sequence[str], *, rate: bool) -> str:
-    """Return the title of a panel of coordinates or their velocities; empty if a short label beside it is enough."""
+    """Return the title of a panel of coordinates, or of velocities with `rate`; empty if its label is enough."""
     prefix = "velocity of " if rate else ""
     if len(names) > 1:
         return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
@@ -119,7 +119,7 @@ def _above(names: Sequence[str], *, rate: bool) -> str:
 
 
 def energies(solution: Solution) -> PanelQuantity:
-    """Return T, V and E = v.p - L, or only E if a Lagrangian was stated."""
+    """Return the energies T, V and E = v.p - L as one quantity, or only E if a Lagrangian was stated."""
     statement = solution.model.statement
     parts = [("T", statement.kinetic), ("V", statement.potential)]
     stated = [] if statement.lagrangian_alone else parts
@@ -132,7 +132,10 @@ def energies(solution: Solution) -> PanelQuantity:
 
 
 def energy(solution: Solution) -> PanelQuantity:
-    """Return the drift of the energy if it is conserved, else the energy; no row if it has no value at some state."""
+    """Return the drift of the energy if it is conserved, else the energy itself.
+
+    The quantity has no row if the energy has no value at some state.
+    """
     if not solution.has_energy:
         return PanelQuantity(
             "energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t)))
@@ -152,7 +155,7 @@ def energy(solution: Solution) -> PanelQuantity:
 
 
 def momenta(solution: Solution) -> PanelQuantity | None:
-    """Return the changes of the momenta of ignorable coordinates from their first values; None if there are none."""
+    """Return the changes of momenta from their first values, for ignorable coordinates; None if there are none."""
     names = list(solution.momentum_drift)[:MOST_LINES]
     if not names:
         return None
@@ -166,7 +169,7 @@ def momenta(solution: Solution) -> PanelQuantity | None:
 def invariants(solution: Solution) -> list[PanelQuantity]:
     """Return the change of each conserved quantity from its first value, relative to the size of its terms.
 
-    Raises StatementError if none was found.
+    Raises StatementError if no conserved quantity was found.
     """
     if not solution.invariants:
         name = solution.model.statement.name
@@ -209,7 +212,7 @@ def violation(solution: Solution) -> PanelQuantity:
 
 
 def expression(solution: Solution, given: Any) -> PanelQuantity:
-    """Return the panel quantity of an expression in the symbols of a system, accelerations and multipliers included."""
+    """Return the values of an expression in the symbols of a system, accelerations and multipliers included."""
     label = row_label(given)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
@@ -229,7 +232,7 @@ def formula_label(statement: Statement, given: Any) -> str:
 
 
 def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Figure, Axes]:
-    """Return the user's axes with their figure, or those of a new figure of a size in inches."""
+    """Return a figure and its axes: those of the user, `ax`, or new axes of a size in inches."""
     if ax is None:
         figure = new_figure(figsize=size, layout="constrained")
         return on_paper(figure, style), figure.subplots()
@@ -237,14 +240,17 @@ def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Fi
 
 
 def figure_of(ax: Any) -> Figure:
-    """Return the whole figure of a user's axes. Raises StatementError for anything else, or axes without a figure."""
+    """Return the whole figure of a user's axes.
+
+    Raises StatementError for anything that is not Matplotlib's axes, and for axes without a figure.
+    """
     if getattr(ax, "plot", None) is None or getattr(ax, "get_figure", None) is None:
         raise StatementError(f"ax is {shown(ax)}: give axes of Matplotlib, or leave it out for a new figure.")
     return of_figure(ax)
 
 
 def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle) -> None:
-    """Add the colour scale of a map beside its panel."""
+    """Add the colour scale of the map `image` beside its panel."""
     from matplotlib.colors import LogNorm
 
     bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
@@ -259,14 +265,17 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle
 
 
 def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:
-    """Write a sentence below a figure, unless the axes are the user's."""
+    """Write a sentence below a figure, unless the axes are those of the user, `ax`."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
 
 
 def legend_beside(axis: Axes, ax: Any, style: FigureStyle, **more: Any) -> None:
-    """Put the legend beside a new panel, or inside a user's axes, whose width must not change."""
+    """Add a legend: beside the panel, or inside the axes `ax` of a user, whose width must not change.
+
+    `more` are further options of Matplotlib's legend.
+    """
     if ax is None:
         axis.legend(
             fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=style.ink, **more
@@ -290,10 +299,10 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
-    """Wrap the line x (k,), y (k,) to the range of the angle x from low to high; return its lines.
+    """Wrap the line x (k,), y (k,) with an angle x to the range from `low` to `high`; return the wrapped lines.
 
-    At the border of the range the line has a point on either side, with NaN between them. If the range is more than one
-    turn, the line is repeated for each turn.
+    Where the line leaves the range at one end it continues at the other end, after a NaN. If the range is more than one
+    turn, the wrapped line is repeated for each turn.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]
@@ -323,9 +332,10 @@ _FEW = 3
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Curves (2, K) of a quantity of one run, with a note.
+    """Lines (2, K) of a quantity of one run for one panel, and a note.
 
-    A flag says whether they are dots at the steps. `window` is the range of a panel that does not show all values.
+    `dots` is true if they are drawn as dots at the steps. `window` are the limits of a panel that does not show all
+    values, else None.
     """
 
     lines: list[FloatArray]
@@ -336,9 +346,9 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class TimePanel:
-    """Panel of one quantity over time, for runs of systems with the same coordinates.
+    """Panel of one quantity over time, for one or several runs of systems with the same coordinates.
 
-    `labels` distinguish the runs.
+    `labels` are the names of the runs in the legend.
     """
 
     quantities: tuple[PanelQuantity, ...]
@@ -379,7 +389,10 @@ class TimePanel:
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
     def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
-        """Draw the lines of a run. Runs have a colour each, or a line style if the rows have the colours."""
+        """Draw the lines of run number `place`; `origin` is subtracted from times and values.
+
+        Each run has its own colour. If a run has several rows, each row has a colour and each run a line style.
+        """
         several, count = len(self.solutions) > 1, len(run.lines)
         run_colour = colours(len(self.solutions), style.colours)[place]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)
@@ -405,7 +418,10 @@ class TimePanel:
             )
 
     def _name(self, axis: Axes, base: float, notes: str, style: FigureStyle) -> None:
-        """Label the panel: beside it if the label is short, else above it, and in a legend for several curves."""
+        """Label the panel: beside it if the quantity has no name, else above it. Several curves get a legend.
+
+        `base` is the number that was subtracted from the values, and `notes` are written above the panel.
+        """
         quantity = self.quantities[0]
         title = notes
         if quantity.name or len(quantity.labels) != 1:
@@ -420,11 +436,11 @@ class TimePanel:
 
 
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
-    """Return a quantity of a run as lines exact within a pixel, for a panel size in pixels.
+    """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    A drift is that of the dense output, which equals the steps at their ends. If it changes much more between the steps
-    than at them, this is an error of the dense output and not of the method. Then dots are drawn at the steps, and a
-    note gives the largest value between them.
+    A drift is computed from the dense output, which equals the steps at their ends. If the drift changes much more
+    between the steps than at their ends, this is an error of the dense output and not of the method. Then dots are
+    drawn at the steps, and a note gives the largest value between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
@@ -463,7 +479,7 @@ def _largest(rows: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhasePanel:
-    """Panel with the phase plane of one coordinate, given by name, for one or more runs."""
+    """Panel with the phase plane of one coordinate, given by name, for one or several runs."""
 
     name: str
     solutions: tuple[Solution, ...]
@@ -501,7 +517,7 @@ class PhasePanel:
 
 
 def _line(run: Solution, keys: tuple[str, str], pixels: Pixels) -> tuple[FloatArray, str]:
-    """Return the path of a run in the phase plane of two entries, (2, K), and a note if it leaves the panel."""
+    """Return the path of a run in the plane of the two entries `keys`, (2, K), and a note if it leaves the panel."""
     rows = [run.names.index(key) for key in keys]
     times, note = times_in_sight(run, lambda t: run.at(t)[rows])
     if outputs_alone(run.trajectory):

@@ -1,4 +1,4 @@
-"""Paths of named points: positions along a run, links, the floor below them, and their panel."""
+"""Paths of named points along a run: their positions, the links between them, a floor below them, and their panel."""
 
 from __future__ import annotations
 
@@ -70,7 +70,8 @@ class Box:
     def around(cls, points: FloatArray) -> Box:
         """Return the box around the finite points (3, K), a little larger, with no side much shorter than the others.
 
-        The floor is exactly at the lowest point, so that a body that rolls on a plane z = 0 touches it.
+        Its lowest z is exactly that of the lowest point. So the picture of a body that rolls on a plane z = 0 touches
+        the floor.
         """
         good = points[:, np.isfinite(points).all(axis=0)]
         low, high = (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(3), np.zeros(3))
@@ -88,12 +89,12 @@ class Box:
 
     @property
     def drawn(self) -> FloatArray:
-        """Corners of the drawn parts, the floor and the top of the z axis, (3, 5)."""
+        """Corners of the parts that are drawn, (3, 5): the four corners of the floor, and the top of the z axis."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return np.array([(x0, y0, z0), (x1, y0, z0), (x0, y1, z0), (x1, y1, z0), (x0, y0, z1)]).T
 
     def ticks(self, axis: int) -> FloatArray:
-        """Return round numbers between the ends of an axis, (k,)."""
+        """Return round numbers between the ends of axis number `axis`, (k,)."""
         from matplotlib.ticker import MaxNLocator
 
         low, high = float(self.low[axis]), float(self.high[axis])
@@ -136,7 +137,10 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
 def _numbers(
     axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: FigureStyle
 ) -> None:
-    """Write the numbers and the name of axis `k` of space, outside its edge of the floor."""
+    """Write the numbers and the name of axis `k` of space, outside of the edge of the floor.
+
+    `foot` is a point on the edge; its coordinate along the axis is None.
+    """
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
     away = view.of(outwards[:, None])[:, 0] if k < 2 else np.array([-1.0, 0.0])
@@ -165,7 +169,7 @@ SLENDER = 12
 
 
 def is_slender(extents: FloatArray) -> bool:
-    """Return whether paths with these extents to the right and up, (2,), would be a narrow strip to scale."""
+    """Return True if paths with these extents (2,) to the right and up would be a narrow strip if drawn to scale."""
     low, high = sorted(extents.tolist())
     return bool(1e-9 * high < low <= high / SLENDER)
 
@@ -177,11 +181,13 @@ panel."""
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Paths of points on paper (p, 2, K) at times (K,), their view, and the links between them.
+    """Projected paths of p points, `points` (p, 2, K), at times (K,), their view, and the links between the points.
 
-    `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` their initial positions, (p, 2). `fixed`
-    points do not depend on coordinates or time. `surfaces` are the names of the points along each. For a long run the
-    paths are its last part, `late`.
+    - `space` are the same points before projection, (p, 2, K) or (p, 3, K).
+    - `starts` are their projected initial positions, (p, 2).
+    - `fixed` has True for each point that depends neither on coordinates nor on time.
+    - `surfaces` has the names of the points along each surface.
+    - `late` is true if the paths are only the last part of a long run.
     """
 
     times: FloatArray
@@ -202,30 +208,30 @@ class Paths:
         return np.asarray(self.points[self.names.index(name)])
 
     def from_origin(self, origin: FloatArray) -> Paths:
-        """Return the same paths relative to another origin: (2,) on paper, or (3,) in space with a view from a side."""
+        """Return the same paths relative to another origin: (2,) in a plane, (3,) in space with a view from a side."""
         space = self.space - origin[:, None] if self.view.spatial else self.space
         place = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
         return replace(self, points=self.points - place, space=space, starts=self.starts - place[:, 0])
 
     @cached_property
     def on_paper(self) -> FloatArray:
-        """All positions of all points on paper, (2, N)."""
+        """Projected positions of all points at all times, (2, N)."""
         return np.concatenate([*self.points, self.starts.T], axis=1)
 
     @cached_property
     def extents(self) -> FloatArray:
-        """Extents of all paths to the right and up, (2,)."""
+        """Extents of all projected paths to the right and up, (2,)."""
         low, high = limits(self.on_paper)
         return high - low
 
     @property
     def to_scale(self) -> bool:
-        """True if lengths are equal in both directions; false for paths alone that would be a narrow strip."""
+        """True if both directions have the same scale; False for paths without links that would be a narrow strip."""
         return bool(self.links or self.surfaces) or not is_slender(self.extents)
 
 
 def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the minima and the maxima of the finite points (d, K), (d,) each."""
+    """Return the least and the largest coordinates, (d,) each, of the finite points (d, K)."""
     good = points[:, np.isfinite(points).all(axis=0)]
     return (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(len(points)), np.zeros(len(points)))
 
@@ -289,7 +295,10 @@ def _times(solution: Solution) -> tuple[FloatArray, str]:
 
 
 def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the latest of the times, so that no point (p, 2, K) travels further than `_LONGEST`."""
+    """Return the last of the times `t` (K,), in which no point's path is longer than `_LONGEST` times the extent.
+
+    `points` (p, 2, K) are the positions at these times.
+    """
     low, high = limits(np.concatenate([*points], axis=1))
     gone, size = lengths(points), float(np.max(high - low))
     if size <= 0 or gone[-1] <= _LONGEST * size:
@@ -309,7 +318,7 @@ _LETTERS = 40
 
 @dataclass(frozen=True, eq=False)
 class PathPanel:
-    """The paths of named points of some runs, all in one view."""
+    """Panel with the paths of named points of one or several runs, all in one view."""
 
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]
@@ -321,7 +330,7 @@ class PathPanel:
         return self.view.shape
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
-        """Draw paths in a panel, with open circles at their starts, and points and links at their ends."""
+        """Draw the paths, with open circles at their starts, and points and links at their ends."""
         runs = [paths_of(run, self.view, pixels) for run in self.solutions]
         statement = self.solutions[0].model.statement
         unit = length_unit(statement)
@@ -345,9 +354,10 @@ class PathPanel:
             legend(axis, style, title, 10)
 
     def _bounds(self, runs: list[Paths]) -> FloatArray:
-        """Return the limits of each direction, (2, d): of paper, or of space with a view from a side.
+        """Return the least and the largest coordinate in each of d directions, (2, d).
 
-        If the panel is to scale, both directions have the same length.
+        The directions are those of the picture, or those of space for a view from a side. If the panel is to scale,
+        both directions have the same length.
         """
         point_sets = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
         low, high = limits(np.concatenate(point_sets, axis=1))
@@ -356,7 +366,7 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, place: int, style: FigureStyle) -> dict[str, str]:
-        """Return the colour of each moving point: its own, or that of the run if only one point moves."""
+        """Return the colour of each moving point: its own, or that of run number `place` if only one point moves."""
         hidden = corners(run.links)
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:
@@ -364,7 +374,7 @@ class PathPanel:
         return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
-        """Set limits with room around all points; rounding noise does not fill the panel."""
+        """Set limits with a margin around all points; paths that are only rounding noise do not fill the panel."""
         axis.margins(AXIS_MARGIN)
         to_scale = self.shape == "square" and all(run.to_scale for run in runs)
         still = float(np.ptp(bounds, axis=0).max()) <= LEVEL_RANGE * float(np.abs(bounds).max(initial=0.0))
@@ -387,7 +397,7 @@ class PathPanel:
             few_ticks(axis)
 
     def _name(self, axis: Axes, origin: FloatArray, unit: str) -> None:
-        """Label the directions of the plane, with the subtracted numbers."""
+        """Label the two directions, each with the number that was subtracted from its coordinates, and the unit."""
         right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
         axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
         # The title above a narrow column fits only within this distance.
@@ -404,7 +414,7 @@ def _title(paths: Paths, shape: str) -> str:
 
 
 def _counted(origin: FloatArray) -> str:
-    """Return a note that names the subtracted origin of positions in space, whose axes have no room for it."""
+    """Return a note with the origin that was subtracted from positions in space, whose axes have no room for it."""
     parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
     return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 
@@ -444,7 +454,7 @@ def _draw_run(
 
 
 def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: FigureStyle, kind: str) -> None:
-    """Draw a path with its shadow on the floor; near parts are wider and darker."""
+    """Draw the path of point number `k` with its shadow on the floor; near parts are wider and darker."""
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
     axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=0.8, zorder=1)
@@ -459,9 +469,9 @@ def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style
 
 
 def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
-    """Yield the parts of a path (2, K) in each range of nearness (K,) from 0 to 1, the farthest first.
+    """Yield the parts of a path (2, K) in each range of nearness, the farthest first.
 
-    Each is a line (2, C) with NaN between its parts.
+    `nearness` (K,) is from 0 to 1. Each yielded line is (2, C), with NaN between its parts.
     """
     middle = (nearness[1:] + nearness[:-1]) / 2
     depths = np.clip(np.nan_to_num(_DEPTHS * middle), 0, _DEPTHS - 1).astype(int)

@@ -35,7 +35,10 @@ _MOST_PHASES = 9
 
 
 class Contents:
-    """Panels of some runs: `chosen` are coordinates by name; if `merged`, all of a kind share one panel."""
+    """Choice of the panels for some runs: `chosen` are coordinates by name.
+
+    With `merged` all coordinates share one panel, and so do all velocities.
+    """
 
     def __init__(
         self, solutions: Sequence[Solution], labels: Sequence[str], chosen: Sequence[str] | None, *, merged: bool
@@ -49,7 +52,7 @@ class Contents:
     def overview(self) -> list[Panel]:
         """Return the panels of the coordinates, of conserved quantities, and of paths if points are named.
 
-        Rates about the axes of bodies are in place of the entries of their quaternions.
+        For a body they show its rates about its axes instead of the entries of its quaternion.
         """
         entries = {name_of(q) for each in self.turned for q in each.quaternion}
         others = [name for name in self.chosen if name not in entries]
@@ -58,7 +61,7 @@ class Contents:
         return [*self._rows(others), *rates, *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
-        """Return the panels for one entry of the argument `what` of a plot.
+        """Return the panels for `what`, one entry of the argument `what` of a plot.
 
         Raises StatementError for an invalid entry.
         """
@@ -78,7 +81,7 @@ class Contents:
         return self._over_time(lambda run: quantities.expression(run, what))
 
     def named(self, name: str) -> list[Panel]:
-        """Return the panels of a name in `WHAT`. Raises StatementError for runs that have nothing of it."""
+        """Return the panels for a name in `WHAT`. Raises StatementError if the runs do not have this quantity."""
         match name:
             case "coordinates" | "velocities":
                 return self._rows(self.chosen, rate=name == "velocities")
@@ -113,7 +116,10 @@ class Contents:
         return [] if view is None else [PathPanel(self.solutions, self.labels, view)]
 
     def _over_time(self, of: Callable[[Solution], PanelQuantity | None], *, wide: bool = False) -> list[Panel]:
-        """Return one panel of a quantity for all runs; no panel if a run lacks it."""
+        """Return a list with one panel for all runs, of the quantity that `of(run)` returns.
+
+        The list is empty if a run lacks the quantity. A `wide` panel is higher, with a larger title.
+        """
         quantities = [of(run) for run in self.solutions]
         kept = [quantity for quantity in quantities if quantity is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(quantities) else []
@@ -123,7 +129,7 @@ class Contents:
         return self._each(lambda run: quantities.entries(run, names, merged=self.merged, rate=rate)) if names else []
 
     def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
-        """Return one panel for each of several quantities of the runs."""
+        """Return one panel for each of the quantities that `of(run)` returns, for all runs."""
         rows = zip(*(of(run) for run in self.solutions), strict=True)
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
 
@@ -139,7 +145,10 @@ OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energ
 
 
 def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
-    """Return the names of one or several given coordinates. Raises StatementError for anything else."""
+    """Return the names of the coordinates `of`, given by symbol or name; None if it is None.
+
+    Raises StatementError for anything else.
+    """
     if of is None:
         return None
     given = list(of) if isinstance(of, (list, tuple)) else [of]
@@ -184,7 +193,10 @@ def plot_runs(
     labels: Sequence[str] | None = None,
     dpi: int | None = None,
 ) -> Figure:
-    """Return a figure of one or several runs. Raises StatementError for invalid arguments."""
+    """Return a figure of one or several runs. `Solution.plot` and `plot` describe the arguments.
+
+    Raises StatementError for invalid arguments.
+    """
     look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
     for run in solutions:
         if not len(run.t):
@@ -209,7 +221,7 @@ def plot_runs(
 
 
 def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
-    """Return the names of runs: those given, else methods, parameters or first values that differ."""
+    """Return the names of runs: those in `given`, else methods, parameters or first values, whichever differ."""
     if given is not None:
         labels = [given] if isinstance(given, str) else entries(given, "labels")
         if labels is None or len(labels) != len(solutions) or not all(isinstance(label, str) for label in labels):
@@ -230,7 +242,7 @@ def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> lis
 
 
 def _first(run: Solution) -> dict[Any, float]:
-    """Return the first values of a run by name, those of rates of bodies before those of their quaternions."""
+    """Return the first values of a run by name; rates of bodies come before the entries of their quaternions."""
     turned = map(rotation_of, run.model.statement.rotations)
     rates = {name_of(rate): float(run[rate][0]) for each in turned for rate in each.body}
     return rates | dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
@@ -248,7 +260,7 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
 
 
 def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -> Figure:
-    """Draw panels into a user's axes, one each, and return their figure."""
+    """Draw each panel into one of the user's axes `ax`, and return their figure."""
     several, axes = isinstance(ax, (list, tuple, np.ndarray)), [ax]
     if several:
         axes = [*islice(ax.flat if isinstance(ax, np.ndarray) else ax, len(panels))]
@@ -266,7 +278,7 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -
 
 
 def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: FigureStyle, dpi: int) -> Figure:
-    """Return a new figure: panels over time and rows of paths on the left, planes and columns on the right."""
+    """Return a new figure. On the left are panels over time and wide paths, on the right planes and tall paths."""
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
     right = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape != "row"]
@@ -301,7 +313,7 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Left part of a figure: panels over time with a common axis, above rows of paths.
+    """Left part of a figure: panels over time with a common axis, above wide panels of paths.
 
     Many narrow panels are in two columns.
     """
@@ -316,16 +328,16 @@ class _Left:
 
     @property
     def ratios(self) -> list[float]:
-        """Heights of the rows of panels, relative to a coordinate."""
+        """Heights of the rows of panels, relative to the height of a panel of a coordinate."""
         return [1.0] * self.down + [panel.height for panel in self.wide] + [0.55] * len(self.rows)
 
     @property
     def height(self) -> float:
-        """Natural height in inches."""
+        """Height in inches at which all panels are readable."""
         return max(2.6, 0.9 + (1.15 if self.down <= _ONE_COLUMN else 0.85) * sum(self.ratios))
 
     def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: FigureStyle, dpi: int) -> None:
-        """Draw all panels in a part of a figure with a width and a height in inches."""
+        """Draw all panels into a part of a figure; `size` is its width and height in inches."""
         grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
         pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)
         cells = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]
@@ -344,7 +356,7 @@ class _Left:
 
 
 def _inner(axis: Axes) -> None:
-    """Remove the labels of time, which the panel below has."""
+    """Remove the labels of the time axis, because the panel below has them."""
     axis.tick_params(labelbottom=False)
     axis.set_xlabel("")
 
@@ -376,8 +388,8 @@ def plot(
     """Return a Matplotlib figure of several runs of systems with the same coordinates, as `Solution.plot` draws one.
 
     `labels` are the names of the runs, one text each; by default their methods, or a parameter or a first value that
-    differs. In a panel with one row each run has a colour, else a kind of line. Raises StatementError for arguments
-    that are not solutions, and for those that `Solution.plot` refuses.
+    differs. In a panel with one row each run has its own colour, else its own line style. Raises StatementError for
+    arguments that are not solutions, and for those that `Solution.plot` refuses.
     """
     runs = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
     if not runs or not all(isinstance(run, Solution) for run in runs):

@@ -18,10 +18,11 @@ _STILL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A projection to paper: the matrix (2, d) maps points (d, K), d = 2 or 3, to coordinates to the right and up.
+    """A projection: the matrix (2, d) maps points (d, K), d = 2 or 3, to coordinates to the right and up.
 
-    `labels` are the names of the two directions. For a view from a side they are empty, and `depth` (3,) maps points to
-    their nearness; else `depth` is None. `extended` says in which directions of the paper the points extend.
+    `labels` are the names of the two directions; they are empty for a view from a side. In a view from a side `depth`
+    (3,) maps points to their nearness; else `depth` is None. `extended` has True for each direction of the picture in
+    which the points extend.
     """
 
     matrix: FloatArray
@@ -42,19 +43,19 @@ class View:
         return self.depth is not None
 
     def of(self, points: FloatArray) -> FloatArray:
-        """Return the projection (2, K) of points (d, K); points of the plane in a view of space have z = 0."""
+        """Return the projection (2, K) of points (d, K). In a view of space, points with two coordinates have z = 0."""
         return np.asarray(self.matrix[:, : len(points)] @ points)
 
     def nearness(self, points: FloatArray) -> FloatArray:
-        """Return the nearness of points (d, K), (K,), in their units; 0 in a plane."""
+        """Return the nearness (K,) of points (d, K) to the viewer, in the units of the points; 0 in a plane."""
         return np.zeros(points.shape[1]) if self.depth is None else np.asarray(self.depth[: len(points)] @ points)
 
 
 def view_of(points: Mapping[str, FloatArray]) -> View:
     """Return the view of named points, each (2, K) or (3, K) along a run.
 
-    A plane is not projected. Points of space that stay in a plane of two axes are viewed at right angles to it.
-    Else the view is from azimuth -60 and elevation 25 degrees, without perspective.
+    Points of a plane are not projected. Points of space that stay in a plane of two axes are viewed at right angles to
+    it. Any other points are viewed from azimuth -60 and elevation 25 degrees, without perspective.
     """
     dimension = max(len(point) for point in points.values())
     full = [np.vstack([point, np.zeros((dimension - len(point), point.shape[1]))]) for point in points.values()]
@@ -96,9 +97,9 @@ _STRAIGHT = 0.1
 
 
 def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
-    """Return the corners of a zigzag from start to end, (2, 2 SPRING_TURNS + 3), in the units of the points.
+    """Return the corners of a zigzag line from start to end, (2, 2 SPRING_TURNS + 3), in the units of the points.
 
-    It is `width` wide. A spring of zero length is a point.
+    The zigzag is `width` wide. A spring of zero length is a point.
     """
     along = np.concatenate([[0.0], np.linspace(_STRAIGHT, 1.0 - _STRAIGHT, 2 * SPRING_TURNS + 1), [1.0]])
     aside = np.zeros_like(along)

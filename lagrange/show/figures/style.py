@@ -1,4 +1,4 @@
-"""The look of figures: colours, line styles, numbers at ticks."""
+"""The look of figures: colours, line styles, and numbers at ticks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
 
 
 def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
-    """Return `count` different colours: `few` for up to eight, else hues around the circle, light and dark in turn."""
+    """Return `count` different colours: `few` if it has enough, else hues around the circle, light and dark in turn."""
     if count <= len(few):
         return few[:count]
     shares = (hls_to_rgb(k / count, _LIGHTNESS[k % 3], _SATURATION[k % 3]) for k in range(count))
@@ -47,7 +47,10 @@ _SMALL = 0.4
 
 
 def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
-    """Return the colours of `count` moving points, and the factor of their size."""
+    """Return the colours of `count` moving points, and a factor for their size, which is smaller for many points.
+
+    `few` are the colours for a small number of points.
+    """
     return (colours(count, few), 1.0) if count <= NAMED_POINTS else ((few[0],) * count, _SMALL)
 
 
@@ -96,7 +99,7 @@ def style_of(name: Any) -> FigureStyle:
 
 
 def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
-    """Return `count` line styles, up to 88, all different: in colour, in marker, and in line style or colour."""
+    """Return `count` line styles. Up to 88 styles all differ: in colour, in marker, or in line."""
     few = style.colours
     return [
         LineStyle(few[k % len(few)], MARKERS[k % len(MARKERS)], LINES[k // len(few) % len(LINES)]) for k in range(count)
@@ -126,7 +129,7 @@ def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
 
 
 def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -> None:
-    """Add a legend outside the upper right of a panel, and a title at its left; above it if both are long."""
+    """Add a legend above the upper right corner of a panel, and a title at its left, or above it if both are long."""
     labels = axis.get_legend_handles_labels()[1]
     corners = axis.get_window_extent()
     room = 72 * corners.width / of_figure(axis).dpi
@@ -149,7 +152,7 @@ def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -
 
 
 def of_figure(axis: Axes) -> Figure:
-    """Return the whole figure that contains a panel, also one in a subfigure."""
+    """Return the whole figure that contains a panel, also if the panel is in a subfigure."""
     figure = axis.get_figure(root=True)
     if figure is None:
         raise StatementError("the axes were removed from their figure: give others.")
@@ -157,18 +160,18 @@ def of_figure(axis: Axes) -> Figure:
 
 
 def letters_in(text: str) -> int:
-    """Return the approximate width of a text with mathematics, in letters."""
+    """Return the approximate width of a text, as a number of letters; commands of mathematics count as one letter."""
     return len(_COMMAND.sub("x", text).translate(_UNSEEN))
 
 
 def mixed(colour: str, other: str, share: float) -> str:
-    """Return a mixture of a share of `colour` and the rest of `other`, all as #rrggbb."""
+    """Return the mixture of two colours: `share` of `colour`, and the rest of `other`. All are #rrggbb."""
     parts = (share * a + (1 - share) * b for a, b in zip(parts_of(colour), parts_of(other), strict=True))
     return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
 
 
 def parts_of(colour: str) -> tuple[float, ...]:
-    """Return red, green and blue of #rrggbb, from 0 to 1."""
+    """Return the red, green and blue parts of the colour #rrggbb, from 0 to 1."""
     return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
@@ -182,7 +185,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number_labels(values: Sequence[float]) -> list[str]:
-    """Return numbers as text, with the digits that distinguish neighbours: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
+    """Return numbers as texts, with just enough digits to distinguish them: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
     finite = sorted({float(value) for value in values if isfinite(value)})
     size = max(map(abs, finite), default=0.0)
     if size == 0.0:
@@ -196,7 +199,7 @@ def number_labels(values: Sequence[float]) -> list[str]:
 
 
 def ten_to(power: int) -> str:
-    """Return a power of ten as text, 10⁻⁹."""
+    """Return a power of ten as a text, such as 10⁻⁹."""
     return "10" + str(power).translate(_RAISED)
 
 
@@ -205,7 +208,7 @@ def _ten(power: int) -> str:
 
 
 def _digits(gap: float) -> int:
-    """Return the number of decimals of a multiple of a gap, which is 1, 2, 2.5 or 5 times a power of ten."""
+    """Return the number of decimals of multiples of `gap`, which is 1, 2, 2.5 or 5 times a power of ten."""
     digits = -floor(log10(gap) + 1e-9)
     return digits + (abs(gap * 10.0**digits - round(gap * 10.0**digits)) > 1e-3)
 
@@ -226,7 +229,7 @@ def number_formatter() -> Formatter:
 
 @cache
 def _formatter_class() -> type[Formatter]:
-    """Return the class `NumberFormatter`. It is made with the first figure: Matplotlib takes 0.2 s to import."""
+    """Return the class `NumberFormatter`. It is defined at the first figure: the import of Matplotlib takes 0.2 s."""
     from matplotlib.ticker import Formatter
 
     class NumberFormatter(Formatter):
@@ -247,7 +250,7 @@ def _formatter_class() -> type[Formatter]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class for pickle, which looks it up by name (PEP 562)."""
+    """Return the class of formatters by name, for pickle (PEP 562)."""
     if name == "NumberFormatter":
         return _formatter_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -273,7 +276,10 @@ def few_ticks(axis: Axes) -> None:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones on a short scale."""
+    """Return round values between `low` and `high` for a logarithmic scale: 1, 2 and 5 times powers of ten.
+
+    On a short scale they are finer.
+    """
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
     values = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
     if len(values) >= FEWEST_TICKS:

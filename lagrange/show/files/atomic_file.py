@@ -19,9 +19,9 @@ Writer = Callable[[BinaryIO], object]
 
 
 def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
-    """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
+    """Let `write` fill a temporary file in the same folder, sync it and move it to `path`; return the path.
 
-    After any failure `path` holds either the whole new file or the old content. A link is followed; an existing file
+    After any failure `path` has either the whole new file or the old content. A link is followed; an existing file
     keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full or
     fails.
     """
@@ -46,7 +46,7 @@ def _write(target: Path, write: Writer) -> Path:
 def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
     """Let `write` fill a new hidden file beside the target, with permissions `mode`, and return its path.
 
-    It is synced to the disk. After an exception it is removed.
+    The file is synced to the disk. If `write` raises an exception, the file is removed.
     """
     part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
     try:
@@ -101,7 +101,10 @@ def check_place(path: str | os.PathLike[str]) -> None:
 
 
 def old_mode(target: Path) -> int | None:
-    """Return the permissions of an existing file, None without one. Raises StatementError for a folder or a device."""
+    """Return the permissions of an existing file, None if there is no file.
+
+    Raises StatementError for a folder or a device.
+    """
     if not target.parent.is_dir():
         raise StatementError(
             f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make it or name another."
@@ -117,7 +120,7 @@ def old_mode(target: Path) -> int | None:
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the error of this package for an OSError at writing; its message says what to do."""
+    """Return the error of this package for an OSError while `target` was written; its message says what to do."""
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(
@@ -135,10 +138,10 @@ def in_words(target: Path, error: OSError) -> StatementError | RunError:
 def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | None]) -> list[Path]:
     """Write files into a folder and return their paths; a file without a writer is removed if it exists.
 
-    An error while the new files are written changes nothing. If the replacement is interrupted, every file is whole,
-    and the last one is missing or belongs to the others. Other files of the folder stay. Links are followed, existing
-    files keep their permissions. Raises StatementError for a place that cannot be written, RunError if the disk is full
-    or fails.
+    An error while the new files are written changes nothing. If the replacement of the old files is interrupted, every
+    file is whole. The last file is then missing, or it belongs to the others. Other files of the folder stay. Links are
+    followed, existing files keep their permissions. Raises StatementError for a folder that cannot be written to,
+    RunError if the disk is full or fails.
     """
     home = real_path(folder)
     targets = {name: real_path(home / name) for name in files}
@@ -161,7 +164,10 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
 
 
 def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]) -> None:
-    """Remove the last target, then those without a new file; move the new files to their targets, the last one last."""
+    """Remove the last target and targets without a new file; then move the new files `parts` to their targets.
+
+    The last one is moved last. `home` is the folder, for errors.
+    """
     *_, last = targets
     try:
         for name in reversed([*targets]):

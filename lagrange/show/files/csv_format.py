@@ -19,7 +19,7 @@ def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[
 
 
 def cell(value: object) -> str:
-    """Return a CSV cell (RFC 4180): a number as its shortest round-trip text, a text in a form that is not a formula.
+    """Return a CSV cell (RFC 4180) of a number or a text. A number is written so that it round-trips.
 
     A text that starts with ``= + - @`` or a control character gets an apostrophe in front, because spreadsheets would
     run it as a formula.

@@ -84,7 +84,7 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 
 
 def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Solution:
-    """Return the run in a file that `to_npz` wrote. `model_of` compiles a statement for a target."""
+    """Return the run in a file that `to_npz` wrote. `model_of(statement, target)` compiles the model."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
     arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)
@@ -107,7 +107,10 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
-    """Return the trajectory of a file. Raises StatementError where its states do not fit the model."""
+    """Return the trajectory of a run from the arrays and the card in its file.
+
+    Raises StatementError where its states do not fit the model.
+    """
     t, y = arrays["t"], arrays["y"]
     if y.shape != (len(model.layout.names()), len(t)):
         raise StatementError(
@@ -138,7 +141,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
 
 
 def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None:
-    """Return the parameters along a run whose events set some, or None."""
+    """Return the parameters along a run, from the arrays of its file, or None if no event changed them."""
     if "history_begins" not in arrays:
         return None
     names = ("history_begins", "history_values", "history_added")
@@ -151,13 +154,13 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _contacts(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays of contacts in a file, by their names without the prefix."""
+    """Return the arrays of a file that describe contacts, by their names without the prefix."""
     prefix = "contact_"
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the known states of a run from a file: at the outputs, and between them.
+    """Return the states of a run in its file: at the outputs, and between them.
 
     Older files have no states between outputs.
     """

@@ -22,13 +22,13 @@ that can be mailed."""
 
 
 def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
-    """Return a writer of a figure as PNG. `draw` is called only if the file can be opened."""
+    """Return a function that writes a figure as PNG to a file. `draw` is called only after the file was opened."""
     dots = FILE_DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
     return lambda file: draw().savefig(file, format="png", dpi=dots)
 
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG of at most `MOST_BYTES`. A larger one gets 256 colours, then fewer dots per inch."""
+    """Return a figure as PNG of at most `MOST_BYTES`. A larger PNG gets 256 colours, then fewer dots per inch."""
     drawn = _drawn(figure, dpi)
     if len(drawn) <= MOST_BYTES:
         return drawn

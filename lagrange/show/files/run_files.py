@@ -1,4 +1,4 @@
-"""Files of a run: tables for pandas and xarray, CSV, NumPy arrays, a picture, and a folder of all."""
+"""Files of a run: tables for pandas and xarray, CSV, NumPy arrays, a picture, and a folder with several files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> pandas.DataFrame:
-    """Return rows (N,) as columns of a DataFrame, copied. Raises StatementError without pandas."""
+    """Return a DataFrame over t (N,) with copies of the rows (N,) as columns. Raises StatementError without pandas."""
     try:
         import pandas
     except ModuleNotFoundError as error:
@@ -43,9 +43,9 @@ def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mappin
 
 
 def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> xarray.Dataset:
-    """Return rows (N,) as variables of a Dataset over t, copied; attributes are texts and numbers only.
+    """Return a Dataset over t (N,) with copies of the rows (N,) as variables.
 
-    Raises StatementError without xarray.
+    Only texts and numbers among `attributes` are kept. Raises StatementError without xarray.
     """
     try:
         import xarray
@@ -56,7 +56,7 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
 
 def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return the times (k,) and states (k, 2n) of each event, by the names of the arrays in a file."""
+    """Return the times (k,) and states (k, 2n) of each event, by the names that these arrays have in a file."""
     arrays = {f"t_event_{i}": event for i, event in enumerate(times)}
     return arrays | {f"y_event_{i}": event for i, event in enumerate(states)}
 
@@ -69,7 +69,7 @@ def _missing(method: str, package: str) -> StatementError:
 
 
 def finite(value: Any) -> float | None:
-    """Return a number for JSON: None if it is not finite or unknown."""
+    """Return a value as a number for JSON; None if it is not finite or not known."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
@@ -92,7 +92,7 @@ def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None)
 
 
 def write_folder(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the table, the picture and last the card into a folder, and return their paths."""
+    """Write the table, the picture and, last, the card of a run into a folder, and return their paths."""
     files: dict[str, Writer | None] = {
         "trajectory.csv": partial(_csv, solution),
         "trajectory.png": picture(solution.plot) if len(solution.t) else None,
@@ -107,9 +107,9 @@ def _csv(solution: Solution, file: BinaryIO) -> None:
 
 
 def columns_of(solution: Solution) -> dict[str, FloatArray]:
-    """Return the rows of the state by name, then parameters changed by events, and multipliers as lambda[name].
+    """Return the columns of a table of a run by name, (N,) each, with a value for each output.
 
-    Each has a value for each output, (N,).
+    They are the state, parameters changed by events, and multipliers as lambda[name].
     """
     rows = dict(zip(solution.names, solution.y, strict=True)) | _changed_parameters(solution)
     return rows | {str(multiplier(name)): row for name, row in solution.multipliers.items()}
@@ -124,7 +124,7 @@ def _changed_parameters(solution: Solution) -> dict[str, FloatArray]:
 
 
 def arrays_of_run(solution: Solution) -> dict[str, Any]:
-    """Return the arrays that describe a run by their names in an npz archive."""
+    """Return the arrays that describe a run, by the names that they have in an npz archive."""
     run, model = solution.trajectory, solution.model
     texts = {"card": json.dumps(solution.card()), "statement": scene_text(model.statement)}
     arrays: dict[str, Any] = {"t": run.t, "y": run.y, "names": np.array(solution.names)}

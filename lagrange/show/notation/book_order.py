@@ -30,7 +30,7 @@ Key = tuple[Any, ...]
 
 
 class BookOrder:
-    """Sorts factors and terms of the formulas of a statement, in its plain symbols."""
+    """Sort keys for the factors and terms of a statement's formulas, in plain symbols."""
 
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
@@ -51,7 +51,7 @@ class BookOrder:
 
     @cached_property
     def sums(self) -> frozenset[Any]:
-        """The sums of the statement: their signs are kept as the author chose them."""
+        """The sums that the statement contains. Formulas keep the signs of their terms as the author chose them."""
         statement = self._statement
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
         stated += [constraint.expression for constraint in statement.constraints]
@@ -67,11 +67,11 @@ class BookOrder:
         return any(rank[0] != PARAMETER for rank in self.symbols(expression))
 
     def follows(self, factor: Any) -> bool:
-        """Return True if a factor is printed after a fraction of constants: it is a function or contains variables."""
+        """Return True if a factor is printed after a fraction of constants: a function, or a factor with variables."""
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def factor(self, factor: Any) -> Key:
-        """Return the sort key of a factor. Factors recur: each key is made once."""
+        """Return the sort key of a factor. Keys are cached, because the same factors occur often."""
         if factor not in self._factors:
             self._factors[factor] = self._key(factor)
         return self._factors[factor]
@@ -111,7 +111,7 @@ class BookOrder:
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
         """Return the class of a term by the ranks of its symbols.
 
-        It is 1 for a weight, 2 for a function of time alone, which is printed last, and 0 for other terms.
+        It is 1 for a weight, 2 for a function of time alone, which is printed last, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
@@ -130,7 +130,10 @@ class BookOrder:
         return 1 if len(powers) > 1 else 2 if powers == [1] else 0
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
-        """Return the degree of a symbol in a product, so that x^2 comes before x y, and x y before y^2."""
+        """Return the degree of the symbol with rank `rank` in a product.
+
+        By this key x^2 comes before x y, and x y before y^2.
+        """
         powers = term.as_powers_dict()
         return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
 
@@ -148,7 +151,7 @@ class BookOrder:
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
     def terms(self, parts: Iterable[Any], subtracted: Callable[[Any], bool]) -> list[Any]:
-        """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations.
+        """Return the terms of a sum in order. A positive term comes first, unless the sum begins with accelerations.
 
         `subtracted` returns True for a term with a minus sign. A subtracted constant comes last, as in x + y - l.
         """
@@ -164,8 +167,8 @@ class BookOrder:
     def reversible(self, total: Any, term: Any) -> bool:
         """Return True if the minus sign of a term may reverse the difference `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
-        The difference is one of masses, or of other constants if the statement does not contain it: there R - r is
-        usually positive. A term that a user typed stays.
+        `total` must be a difference of masses, or of other constants if the statement does not contain it: a stated
+        difference such as R - r is usually positive. A term that a user typed is not changed.
         """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False
@@ -173,10 +176,10 @@ class BookOrder:
         return (masses or total not in self.sums) and term not in self.typed
 
     def turned(self, total: Any) -> bool:
-        """Return True if a sum in parentheses is better written as its negative.
+        """Return True if a sum in parentheses is better written as minus its negative.
 
         A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
-        terms are positive, and the first term if half of them are.
+        terms are positive. If half of them are positive, the first term is.
         """
         negative = sum(map(_negative, total.args))
         if negative == len(total.args):
@@ -189,9 +192,10 @@ class BookOrder:
         return _negative(min(total.args, key=self.term))
 
     def oriented(self, factor: Any) -> tuple[int, Any]:
-        """Return a sign and a factor, whose product is a factor of a term, with the signs of textbooks.
+        """Return (sign, factor), whose product is the given factor, so that the new factor has the signs of textbooks.
 
-        SymPy turns cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If only a - b was typed, this undoes it.
+        SymPy turns cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this is
+        undone.
         """
         if factor.is_Add:
             return (-1, -factor) if self.turned(factor) else (1, factor)
@@ -202,7 +206,10 @@ class BookOrder:
         return (1, factor) if sign is None else (sign, factor.func(-argument, evaluate=False))
 
     def _preferred(self, total: Any) -> Any:
-        """Return a sum or its negative, whichever was typed, else was stated. None if both or neither were."""
+        """Return a sum or its negative, whichever the user typed, else whichever the statement contains.
+
+        Returns None if both or neither occur.
+        """
         for sums in (self.typed, self.sums):
             if (total in sums) != (-total in sums):
                 return total if total in sums else -total
@@ -210,13 +217,13 @@ class BookOrder:
 
 
 def given_function(node: Any) -> str:
-    """Return the name of a function of time, or of its derivative; an empty text for any other expression."""
+    """Return the name of a given function of time or of its derivative; empty for any other expression."""
     function = node.expr if isinstance(node, Derivative) else node
     return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
 
 
 def _natural(parameter: Any) -> list[tuple[int, str]]:
-    """Return the sort key of a name: m2 comes before m10."""
+    """Return the sort key of a parameter's name, by which m2 comes before m10."""
     head, parts = index_parts(parameter.name)
     return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
 

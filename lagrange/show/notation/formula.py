@@ -41,7 +41,7 @@ LARGEST_WHOLE = 10**6
 
 
 class Typesetter:
-    """Writes expressions of a statement in a notation; a velocity is a letter with a dot, or with the suffix _dot."""
+    """Writes expressions of a statement in a notation; a velocity has a dot, or in plain text the suffix _dot."""
 
     def __init__(self, statement: Statement, notation: Notation) -> None:
         self.notation = notation
@@ -69,7 +69,7 @@ class Typesetter:
         return expression.xreplace(self.plain)
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
-        """Return the terms of an expression in plain symbols, in order, each with True if it is subtracted."""
+        """Return the ordered terms of an expression in plain symbols: pairs (True if subtracted, text)."""
         signed = map(self.signed, self.ordered(expression))
         return [(negative, self.notation.grouped(piece, PRODUCT)) for negative, piece in signed]
 
@@ -78,13 +78,13 @@ class Typesetter:
         return self.order.terms(sympy.Add.make_args(expression), lambda term: self.signed(term)[0])
 
     def piece(self, node: Any) -> FormulaPiece:
-        """Return the text of an expression in plain symbols, with the strength of its outermost operation."""
+        """Return the text of an expression in plain symbols, with the precedence of its outermost operation."""
         if node.is_Add or self.signed(node)[0]:
             return FormulaPiece(self.notation.signs(self.terms(node)), SUM)
         return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
-        """Return True if a term is subtracted, and the term without its sign. Terms recur: each is written once."""
+        """Return True if a term is subtracted, and the text of the term without its sign, from a cache."""
         if node not in self._signed:
             if node.is_Add:
                 self._signed[node] = False, self.piece(node)
@@ -94,9 +94,9 @@ class Typesetter:
         return self._signed[node]
 
     def parts(self, node: Any) -> tuple[bool, list[Any], list[Any], Any]:
-        """Return a term as (negative, factors above, factors below, number); sums have the sign of textbooks.
+        """Return a term as (negative, factors of the numerator, factors of the denominator, number).
 
-        Factors are pairs of a base and a positive exponent.
+        Factors are pairs of a base and a positive exponent. Sums among them have the signs of textbooks.
         """
         number, factors = self.under_one_root(node)
         above: list[Any] = []
@@ -115,7 +115,7 @@ class Typesetter:
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
-        """Return the number before a product, and its factors with square roots of constants joined to one.
+        """Return the number before a product, and its factors. Square roots of constants are joined to one root.
 
         SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3.
         """
@@ -132,7 +132,10 @@ class Typesetter:
         return number, [*others, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
-        """Return number * above / below. Constants are a separate fraction in front, if the notation has that."""
+        """Return the text of number * above / below; `above` and `below` are lists of (base, exponent).
+
+        Constants are a separate fraction in front if the notation writes formulas so.
+        """
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)
         )
@@ -150,16 +153,19 @@ class Typesetter:
         return self.notation.product([front, *map(self.power, moving)]) if moving else front
 
     def over(self, above: list[FormulaPiece], below: list[FormulaPiece]) -> FormulaPiece:
-        """Return the quotient of two products of factors; an empty numerator is 1."""
+        """Return the text of a quotient of two products; `above` and `below` are their factors. No factors mean 1."""
         top = self.notation.product(above or [self.number(sympy.S.One)])
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
-        """Return the factors of a product as pieces of text; a number 1 in front of other factors is left out."""
+        """Return the texts of the factors of a product; a number 1 in front of other factors is left out.
+
+        `pairs` are pairs of a base and a positive exponent.
+        """
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
-        """Return the text of a pair (base, exponent); the exponent is positive or a symbol."""
+        """Return the text of a power, given as (base, exponent); the exponent is positive or a symbol."""
         base, exponent = pair
         if exponent == 1:
             return self.atom(base)
@@ -174,14 +180,14 @@ class Typesetter:
         return self.notation.raised(inside, written if exponent.is_Integer else self.exponent(exponent))
 
     def exponent(self, exponent: Any) -> str:
-        """Return an exponent; a fraction is written on one line."""
+        """Return the text of an exponent; a fraction is written on one line."""
         if exponent.is_Rational:
             one, other = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
             return self.notation.in_line(one, other)
         return self.piece(exponent).text
 
     def atom(self, node: Any) -> FormulaPiece:
-        """Return the piece of an expression that is not a sum, a product or a power."""
+        """Return the text of an expression that is not a sum, a product or a power."""
         if node in self.letters:
             return FormulaPiece(self.letters[node], simple=True)
         if node.is_Add or node.is_Mul or node.is_Pow:
@@ -200,14 +206,17 @@ class Typesetter:
         return self.function(node)
 
     def function(self, node: Any, exponent: str = "") -> FormulaPiece:
-        """Return the value of a function; a given function of time without another argument is a letter."""
+        """Return the text of a function, raised to `exponent`.
+
+        A given function of time without another argument is written as a letter.
+        """
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
         name = NAMES.get(node.func, node.func.__name__)
         return self.notation.function(name, [self.piece(part) for part in node.args], exponent)
 
     def derivative(self, node: Any) -> FormulaPiece:
-        """Return the derivative of a function of time as a letter with dots, of any other function with primes."""
+        """Return the text of a derivative: a letter with dots for a function of time, primes for any other function."""
         inner, point = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
         function, (variable, times) = inner.expr, inner.variable_count[0]
         simple = len(inner.variable_count) == 1 and isinstance(function, AppliedUndef) and len(function.args) == 1
@@ -231,7 +240,7 @@ class Typesetter:
         return self.notation.comparison(self.piece(when.lhs).text, RELATIONS[when.func], self.piece(when.rhs).text)
 
     def number(self, number: Any) -> FormulaPiece:
-        """Return a number that is not negative."""
+        """Return the text of a number that is not negative."""
         if number.is_Rational:
             top, bottom = self.notation.number(str(number.p)), self.notation.number(str(number.q))
             return top if number.q == 1 else self.notation.fraction(top, bottom)
@@ -243,7 +252,7 @@ class Typesetter:
 
 
 def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
-    """Return a factor as (base, exponent); exp(x) is a function, not a power of e, and i is a number, not a root."""
+    """Return a factor as (base, exponent). exp(x) is not a power of e, and the imaginary unit is not a root."""
     if isinstance(factor, sympy.exp) or factor is sympy.I:
         return factor, sympy.S.One
     base, exponent = factor.as_base_exp()
@@ -278,9 +287,9 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class FormulaLine:
-    """One line of a formula: the text, and its left side if it begins on this line.
+    """One line of a formula: `right` is the text, and `left` the left side of the formula if the line begins with it.
 
-    `goes_on` marks a line that continues the right side of the line above.
+    `goes_on` is true for a line that continues the right side of the line above.
     """
 
     left: str
@@ -300,7 +309,7 @@ class SideWriter:
         self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, given)))
 
     def side(self, side: Any) -> str:
-        """Return one side of a formula in one line."""
+        """Return the text of one side of a formula, on one line."""
         match side:
             case ShownQuantity():
                 return self.quantity(side)
@@ -321,13 +330,13 @@ class SideWriter:
         return self.setter.write(side)
 
     def factor(self, factor: Any) -> str:
-        """Return a factor of a `Product`."""
+        """Return the text of a factor of a `Product`."""
         if isinstance(factor, sympy.Basic):
             return self.notation.grouped(self.setter.piece(self.setter.plainly(factor)), PRODUCT)
         return self.side(factor)
 
     def quantity(self, quantity: ShownQuantity) -> str:
-        """Return a letter with its indices, or its word if a symbol of the statement looks like the letter."""
+        """Return a quantity's letter with indices, or its word if a symbol of the statement looks like the letter."""
         spelled = self.notation.letter(quantity.letter, 0, quantity.indices)
         if spelled in self.taken:
             spelled = self.notation.script(quantity.letter, MEANINGS[quantity.letter], quantity.indices)
@@ -344,9 +353,9 @@ class LineWriter:
         self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, broken where it is wide. Of two expressions the second is on a new line.
+        """Return the lines of a formula, broken where it is wide. A second expression begins on a new line.
 
-        A second expression that is spelled as the first one is left out.
+        A second expression with the same text as the first one is left out.
         """
         *before, last = row.sides
         if len(before) == 2 and isinstance(before[1], sympy.Expr):
@@ -386,7 +395,7 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the last side is printed below the left side, because both do not fit into a line."""
+        """Return True if the last side is printed below the left side, because they do not fit into one line."""
         right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
@@ -425,7 +434,8 @@ class LineWriter:
     def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
         """Return the lines of a product with a long sum as a factor: the other factors, and the sum in parentheses.
 
-        The sum begins on a new line if the other factors fill half of one. `leading` is as for `Notation.signs`.
+        The sum begins on a new line if the other factors fill half of a line. `leading` is true if the product begins a
+        side of the formula, and has no plus sign.
         """
         negative, above, below, number = self.setter.parts(product)
         sums = [base for base, exponent in above if base.is_Add and exponent == 1]

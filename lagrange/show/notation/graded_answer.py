@@ -26,8 +26,8 @@ _DIFFERENCE = re.compile(r"\(([^()]{1,30}-[^()]{1,30})\)")
 def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
     """Return the comparison of an answer, as texts or SymPy, with the equations of a statement.
 
-    Sums in its messages have the signs that were typed, m1 - m2 or m2 - m1. Raises StatementError for an answer that
-    cannot be read.
+    Sums in the messages have the signs that the student typed, m1 - m2 or m2 - m1. Raises StatementError for an answer
+    that cannot be read.
     """
     with budget.limited(budget.SECONDS):
         return _graded(statement, derivation, answer)

@@ -19,22 +19,22 @@ CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for p
 
 
 def row(*parts: str) -> str:
-    """Return elements in one mrow."""
+    """Return elements as one mrow element."""
     return f"<mrow>{''.join(parts)}</mrow>"
 
 
 def operator(sign: str) -> str:
-    """Return an operator element."""
+    """Return a sign as an operator element."""
     return f"<mo>{escape(sign)}</mo>"
 
 
 class MathmlNotation(Notation):
-    """MathML; every text is one element, except that a sum may be several."""
+    """MathML; every text is one element, except that a sum may be several elements."""
 
     in_one_line, fractions_in_front = False, True
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
-        """Return a letter with its dots above and its indices below."""
+        """Return a name as a letter, with dots above it for time derivatives and with indices below the line."""
         head, parts = index_parts(name) if name not in self.literal else (latin(name), [])
         spelled = f"<mi>{escape(head if name in self.literal else UNICODE_GREEK.get(head, head))}</mi>"
         if dots:
@@ -43,11 +43,14 @@ class MathmlNotation(Notation):
         return self.below(spelled, [*elements, *map(self.letter, indices)])
 
     def below(self, head: str, parts: Sequence[str]) -> str:
-        """Return a letter with indices below the line."""
+        """Return the element `head` with the elements `parts` as indices below the line."""
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return a calligraphic capital, or the word."""
+        """Return a calligraphic letter if there is one, else the word; with indices.
+
+        It replaces a letter that looks like a symbol of the user.
+        """
         shown = (
             chr(0x1D49C + ord(letter) - ord("A"))
             if letter in "DQTV"
@@ -56,41 +59,41 @@ class MathmlNotation(Notation):
         return self.below(f"<mi>{shown}</mi>", list(map(self.letter, indices)))
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return 6.674·10⁻¹¹."""
+        """Return a number, with a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
         if exponent is None:
             return FormulaPiece(f"<mn>{digits}</mn>", simple=True)
         power = f"<msup><mn>10</mn><mn>{exponent}</mn></msup>"
         return FormulaPiece(row(f"<mn>{digits}</mn>", operator("·"), power), POWER)
 
     def constant(self, name: str) -> str:
-        """Return π, e or ∞."""
+        """Return the sign of a constant: π, e or ∞."""
         return f"<mi>{({'pi': 'π', 'infinity': '∞'}).get(name, name)}</mi>"
 
     def brackets(self, inside: str) -> str:
-        """Return (inside). Around a single line the brackets do not stretch, which would add wide gaps."""
+        """Return elements in parentheses. Around a single line they do not stretch, which would add wide gaps."""
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')
 
     def joined(self, texts: Sequence[str]) -> str:
-        """Return factors side by side."""
+        """Return a product: factors side by side, with a space before a function."""
         return row(*(SPACE + text if k and text.startswith(CALLS) else text for k, text in enumerate(texts)))
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return above over below."""
+        """Return a fraction: `above` over `below`."""
         return FormulaPiece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power; a plain number or sign as exponent becomes an element."""
+        """Return a power. An exponent that is plain text, a number or a sign, becomes an element."""
         shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
         return FormulaPiece(f"<msup>{base}{shown}</msup>", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        """Return the square root."""
+        """Return the square root of `inside`."""
         return FormulaPiece(f"<msqrt>{inside.text}</msqrt>")
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return the value of a function."""
+        """Return a function of its arguments, raised to an exponent if given."""
         inside = operator(",").join(argument.text for argument in arguments)
         if name == "abs":
             return self.power_of(row(operator("|"), inside, operator("|")), exponent)
@@ -107,7 +110,7 @@ class MathmlNotation(Notation):
         return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return a table after a brace."""
+        """Return pairs of value and condition as a table after a brace; the last condition may be empty."""
         lines = [
             f"<mtr><mtd>{row(value)}</mtd><mtd>{row(condition or '<mtext>otherwise</mtext>')}</mtd></mtr>"
             for value, condition in rows
@@ -115,47 +118,50 @@ class MathmlNotation(Notation):
         return FormulaPiece(row(operator("{"), f"<mtable>{''.join(lines)}</mtable>"), ATOM)
 
     def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return left ≤ right."""
+        """Return a condition, such as left ≤ right."""
         return left + operator(UnicodeNotation.relations.get(relation, relation)) + right
 
     def text(self, words: str) -> str:
-        """Return words in a formula."""
+        """Return words inside a formula."""
         return f"<mtext>{words}</mtext>"
 
     def in_line(self, above: str, below: str) -> str:
-        """Return above/below."""
+        """Return a fraction with a slash: above/below."""
         return row(above, operator("/"), below)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return a table in parentheses."""
+        """Return a matrix: a table in parentheses."""
         lines = ("".join(f"<mtd>{row(entry)}</mtd>" for entry in line) for line in rows)
         return self.brackets("<mtable>" + "".join(f"<mtr>{line}</mtr>" for line in lines) + "</mtable>")
 
     def transposed(self, matrix: str) -> str:
-        """Return G with a T above."""
+        """Return the transpose of a matrix that is named by a letter: the letter with a raised T."""
         return f"<msup>{matrix}<mi>T</mi></msup>"
 
     def vector(self, entries: Sequence[str]) -> str:
-        """Return (a, b)."""
+        """Return a vector: entries in parentheses, separated by commas."""
         return self.brackets(operator(",").join(entries))
 
     def equal(self, sides: Sequence[str]) -> str:
-        """Return sides with signs of equality between them."""
+        """Return sides of an equation, with signs of equality between them."""
         return operator("=").join(sides)
 
     def partial(self, above: str, below: str) -> str:
-        """Return the partial derivative as a fraction."""
+        """Return a partial derivative as a fraction."""
         return f"<mfrac>{row('<mo>∂</mo>', above)}{row('<mo>∂</mo>', below)}</mfrac>"
 
     def rate(self, inside: str) -> str:
-        """Return d/dt of a partial derivative."""
+        """Return the time derivative d/dt of `inside`."""
         return f"<mfrac><mi>d</mi>{row('<mi>d</mi>', '<mi>t</mi>')}</mfrac>" + inside
 
     opening, closing = operator("("), operator(")")
     times = operator("\N{MULTIPLICATION SIGN}")
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a + b - c."""
+        """Return a sum such as a + b - c; each term has True if it is subtracted.
+
+        With `leading` the first term has no plus sign; without it the sum continues the line above.
+        """
         (negative, first), *rest = terms
         start = operator("\N{MINUS SIGN}") if negative else "" if leading else operator("+")
         return start + first + "".join(operator("\N{MINUS SIGN}" if sign else "+") + term for sign, term in rest)

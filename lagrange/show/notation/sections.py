@@ -30,7 +30,10 @@ WIDEST_VECTOR = 30
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A letter such as T or phi, or its square, with coordinates, a constraint or a point as its indices."""
+    """A letter such as T or phi with indices: names of coordinates, of a constraint or of a point.
+
+    With `squared` it is the square of that quantity.
+    """
 
     letter: str
     indices: tuple[str, ...] = ()
@@ -39,7 +42,7 @@ class ShownQuantity:
 
 @dataclass(frozen=True)
 class Partial:
-    """The derivative of a quantity by a coordinate or a velocity."""
+    """The partial derivative of a quantity by a coordinate or a velocity."""
 
     quantity: ShownQuantity
     by: Any
@@ -54,7 +57,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class Product:
-    """Factors of a product: expressions and quantities."""
+    """A product of factors: expressions and quantities."""
 
     factors: tuple[Any, ...]
 
@@ -68,14 +71,14 @@ class Transpose:
 
 @dataclass(frozen=True)
 class SignedTerms:
-    """Terms, each with True if it is subtracted."""
+    """A sum: pairs (True if subtracted, term)."""
 
     terms: tuple[tuple[bool, Any], ...]
 
 
 @dataclass(frozen=True)
 class ExpressionRows:
-    """Expressions in rows: a matrix, or, as one row, a vector."""
+    """Expressions in rows, printed as a matrix, or as a vector if there is one row."""
 
     rows: tuple[tuple[Any, ...], ...]
     vector: bool = False
@@ -83,14 +86,14 @@ class ExpressionRows:
 
 @dataclass(frozen=True)
 class Formula:
-    """Equal sides: SymPy expressions, or any of the classes above."""
+    """A formula: equal sides, which are SymPy expressions or objects of the classes above."""
 
     sides: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, with the symbol that it is about if there is one, followed by formulas and sentences."""
+    """A heading, followed by formulas and sentences. `symbol` is the symbol that the section is about, if any."""
 
     heading: str
     rows: tuple[Formula | str, ...]
@@ -101,7 +104,10 @@ LAGRANGIAN = ShownQuantity("L")
 
 
 def sections(derivation: Derivation) -> Iterator[Section]:
-    """Yield the sections; a part that is too large is replaced by a sentence that says so. Tables are functions."""
+    """Yield the sections of a derivation; a part that is too large is replaced by a sentence that says so.
+
+    Given tables appear as functions of time.
+    """
     derivation, tables = derivation.with_named_tables()
     statement = derivation.statement
     yield Section("Stated", (*_stated(derivation), *tables))
@@ -129,7 +135,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def constraint_quantity(one: Any) -> ShownQuantity:
-    """Return the symbol f of a constraint, with the name of the constraint as its index."""
+    """Return the letter for a constraint, with the name of the constraint as its index."""
     return ShownQuantity("f", (one.name,))
 
 
@@ -156,7 +162,10 @@ def _stated(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _energy_as_stated(derivation: Derivation, letter: str, stated: Any, merged: Callable[[], Any]) -> Formula:
-    """Return an energy as stated, and then merged and collected if that is another form and not too large."""
+    """Return the formula of an energy: as stated, and then simplified if that differs and is not too large.
+
+    `merged` returns the simplified expression.
+    """
     sides = [ShownQuantity(letter), stated]
     with suppress(StatementError):
         if not derivation.refusal and merged() != stated:
@@ -177,7 +186,7 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _vector(entries: tuple[Any, ...]) -> ExpressionRows:
-    """Return a vector on one line, or as a column if it is too wide for that."""
+    """Return a vector on one line, or as a column if it is too wide for one line."""
     if sum(int(entry.count_ops()) for entry in entries) <= WIDEST_VECTOR:
         return ExpressionRows((entries,), vector=True)
     return ExpressionRows(tuple((entry,) for entry in entries))
@@ -194,7 +203,10 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
-    """Yield the parts of one Euler-Lagrange equation, and the equation with their names."""
+    """Yield the terms of the Euler-Lagrange equation of coordinate number `place`, then the equation itself.
+
+    In the equation the terms are written by name, such as dL/dq.
+    """
     statement = derivation.statement
     q, name = statement.coordinates[place], statement.names[place]
     velocity, force = statement.velocities[place], statement.forces[place]
@@ -229,7 +241,7 @@ def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
 
 
 def _energy(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield E = T + V, or the Jacobi integral J = v.p - L where that is another quantity."""
+    """Yield the formula of the energy E = T + V, or of the Jacobi integral J = v.p - L if they differ."""
     yield Formula((ShownQuantity("E" if derivation.energy_is_sum else "J"), derivation.energy))
 
 
@@ -239,7 +251,7 @@ def _equations(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield M a = h with its matrices, for systems with more than one coordinate."""
+    """Yield the formula M a = h and its matrices, for systems with more than one coordinate."""
     statement = derivation.statement
     names = statement.names
     if len(names) == 1:
@@ -280,7 +292,8 @@ def _matrix(
 ) -> Iterator[Formula]:
     """Yield a matrix, or its entries one by one if the matrix is too wide.
 
-    `names` are those of the rows, `others` those of the columns, by default the same.
+    `names` are the names of the rows, and `others` those of the columns, by default the same. Of a `symmetric` matrix
+    each pair of equal entries is written once.
     """
     if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
         yield Formula((ShownQuantity(letter), ExpressionRows(tuple(rows))))

@@ -1,6 +1,6 @@
-"""Names and sentences of the user in LaTeX, Markdown and plain text, all escaped.
+"""Names and sentences of the user in LaTeX, Markdown and plain text, with special characters escaped.
 
-LaTeX and Markdown are languages: a name or a title must not contain their commands.
+LaTeX and Markdown have commands: a name or a title must not be read as a command.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 
 @dataclass(frozen=True)
 class Letter:
-    """A symbol in LaTeX: a letter or an upright word, and its indices, which may be empty."""
+    """A symbol in LaTeX: `head`, a letter or an upright word, and `index`, which may be empty."""
 
     head: str
     index: str = ""
@@ -45,7 +45,7 @@ class Letter:
         return self.head + self._below()
 
     def dotted(self, times: int) -> str:
-        """Return the first or second time derivative, the dots above the letter alone."""
+        """Return the time derivative of order `times`, 1 or 2: the letter with dots above it, and its index."""
         return f"\\{'d' * times}ot{{{self.head}}}{self._below()}"
 
     def _below(self) -> str:
@@ -53,14 +53,17 @@ class Letter:
 
 
 def index_parts(name: str) -> tuple[str, list[str]]:
-    """Return a name as its letter or word and its indices: theta1 has 1, m_bob has bob, lambda[rod] has rod."""
+    """Return a name as a letter or word and a list of its indices.
+
+    theta1 has the index 1, m_bob has bob, and lambda[rod] has rod.
+    """
     head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
     letters, digits = _split_digits(head)
     return letters, [part for part in (digits, *indices) if part]
 
 
 def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return the LaTeX of each name; different names look different."""
+    """Return each name with its symbol in LaTeX; different names have different symbols."""
     result: dict[str, Letter] = {}
     for name in names:
         letter = letter_of(name)
@@ -69,7 +72,10 @@ def letters(names: Iterable[str]) -> dict[str, Letter]:
 
 
 def letter_of(name: str, *, literal: bool = False) -> Letter:
-    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name is upright as it is."""
+    """Return the symbol of a name in LaTeX: theta1, m_bob and lambda[rod] have an index.
+
+    With `literal` the whole name is written as one upright word.
+    """
     if literal:
         return Letter(upright(name))
     head, parts = index_parts(name)
@@ -92,7 +98,7 @@ def plain_text(sentence: str) -> str:
 
 
 def index_word(name: str) -> str:
-    """Return the LaTeX of a name as an index of another symbol: theta1 becomes a Greek letter and a digit."""
+    """Return a name in LaTeX for the index of another symbol: theta1 becomes a Greek letter and a digit."""
     letters, digits = _split_digits(name)
     return (word(letters) if letters else "") + digits
 
@@ -103,7 +109,7 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 
 def word(name: str) -> str:
-    """Return the TeX of a name without digits: a letter, also Greek, or an upright word."""
+    """Return a name without digits in LaTeX: a Latin or Greek letter, or an upright word."""
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"
@@ -111,7 +117,7 @@ def word(name: str) -> str:
 
 
 def upright(word: str) -> str:
-    """Return a word in upright letters."""
+    """Return a word in LaTeX, in upright letters."""
     word = latin(word)
     return "\\mathrm{" + word.replace("_", "\\_") + "}"
 

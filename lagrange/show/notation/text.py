@@ -18,10 +18,10 @@ CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", 
 
 @dataclass(frozen=True)
 class FormulaPiece:
-    """A part of a formula.
+    """A part of a formula: its text, and `level`, the precedence of its outermost operation.
 
-    `closed` is an alternative text of a function, with parentheses around its argument, if `text` has none.
-    `call` marks a function that starts with its name. `simple` marks a symbol, a number, or a number times a symbol.
+    `closed` is an alternative text of a function, with parentheses around its argument, if `text` has none. `call` is
+    true for a function that starts with its name. `simple` is true for a symbol, a number, or a number times a symbol.
     """
 
     text: str
@@ -47,7 +47,7 @@ def width(text: str) -> int:
 class Notation:
     """Spelling of formulas in plain text, as in scene files: m*l**2*theta_ddot + m*g*l*sin(theta).
 
-    Unicode, LaTeX and MathML override what they spell otherwise.
+    The classes for Unicode, LaTeX and MathML override the methods whose results differ.
     """
 
     opening, closing = "(", ")"
@@ -70,7 +70,7 @@ class Notation:
     """Spellings of <= and the like that differ from Python's."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
-        """Store the names of all symbols, so that no two of them look the same."""
+        """Store the names of all symbols; a name that would look like another one is spelled literally."""
         self.literal: frozenset[str] = frozenset()
         seen: dict[str, str] = {}
         for name in names:
@@ -83,11 +83,11 @@ class Notation:
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return another spelling of a letter such as L if a user's symbol looks like it: the word."""
+        """Return the word for a quantity, with indices, because its letter looks like a symbol of the user."""
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return a number without a sign: 6.674e-11."""
+        """Return a number without a sign, with a power of ten if `exponent` is given: 6.674e-11."""
         return FormulaPiece(digits if exponent is None else f"{digits}e{exponent}", simple=True)
 
     def constant(self, name: str) -> str:
@@ -99,11 +99,11 @@ class Notation:
         return f"({inside})"
 
     def joined(self, texts: Sequence[str]) -> str:
-        """Return the product of texts that already have the necessary parentheses."""
+        """Return the product of texts, which already have the necessary parentheses."""
         return self.product_sign.join(texts)
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return a*b/(c*d)."""
+        """Return a fraction on one line: a*b/(c*d)."""
         return FormulaPiece(f"{self.grouped(above, PRODUCT)}/{self.grouped(below, POWER)}", PRODUCT)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
@@ -111,15 +111,15 @@ class Notation:
         return FormulaPiece(f"{base}**{exponent if exponent.isalnum() else self.brackets(exponent)}", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        """Return the square root."""
+        """Return the square root of `inside`."""
         return FormulaPiece(f"sqrt({inside.text})")
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return the value of a function, raised to a whole number if an exponent is given."""
+        """Return a function of its arguments, raised to a whole number if `exponent` is given."""
         return self.power_of(f"{name}({', '.join(argument.text for argument in arguments)})", exponent)
 
     def power_of(self, value: str, exponent: str) -> FormulaPiece:
-        """Return the value of a function, raised to the exponent if there is one."""
+        """Return a text, the value of a function, raised to the exponent if there is one."""
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
@@ -131,7 +131,7 @@ class Notation:
         return f"{left} {self.relations.get(relation, relation)} {right}"
 
     def text(self, words: str) -> str:
-        """Return words in a formula."""
+        """Return words inside a formula."""
         return words
 
     def in_line(self, above: str, below: str) -> str:
@@ -149,7 +149,7 @@ class Notation:
         return f"{matrix}.T"
 
     def vector(self, entries: Sequence[str]) -> str:
-        """Return (a, b)."""
+        """Return a vector: (a, b)."""
         return self.brackets(", ".join(entries))
 
     def partial(self, above: str, below: str) -> str:
@@ -157,13 +157,13 @@ class Notation:
         return f"d{above}/d{below}"
 
     def rate(self, inside: str) -> str:
-        """Return d/dt of a partial derivative: d/dt(dL/dtheta_dot)."""
+        """Return the time derivative of `inside`: d/dt(dL/dtheta_dot)."""
         return f"d/dt({inside})"
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a sum of texts, each with True if it is subtracted.
+        """Return the sum of terms; each is a pair (True if subtracted, text).
 
-        With `leading` the first has no plus sign; without it the sum continues the line above.
+        With `leading` the first term has no plus sign; without it the sum continues the line above.
         """
         (negative, first), *rest = terms
         minus = self.minus
@@ -171,7 +171,7 @@ class Notation:
         return start + first + "".join(f" {minus if sign else '+'} {term}" for sign, term in rest)
 
     def equal(self, sides: Sequence[str]) -> str:
-        """Return sides with signs of equality between them."""
+        """Return sides of an equation, with signs of equality between them."""
         return " = ".join(sides)
 
     def grouped(self, piece: FormulaPiece, level: int) -> str:
@@ -179,7 +179,7 @@ class Notation:
         return piece.text if piece.level >= level else self.brackets(piece.text)
 
     def product(self, pieces: Sequence[FormulaPiece]) -> FormulaPiece:
-        """Return the product. A function without parentheses comes last, or before other functions."""
+        """Return the product of pieces. A function without parentheses comes last, or before other functions."""
         if len(pieces) == 1:
             return pieces[0]
         texts = []
@@ -194,7 +194,7 @@ class Notation:
 
 
 class UnicodeNotation(Notation):
-    """One line of Unicode in the spelling of textbooks: m l² θ̈ + m g l sin θ."""
+    """Formulas on one line of Unicode, as in textbooks: m l² θ̈ + m g l sin θ."""
 
     fractions_in_front = True
     level_inside_product = POWER
@@ -203,7 +203,7 @@ class UnicodeNotation(Notation):
     relations: ClassVar = {"<=": "≤", ">=": "≥", "!=": "≠"}
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
-        """Return θ̈₁, or m_bob: an index that is not a number follows an underscore."""
+        """Return a name with dots and indices: θ̈₁, or m_bob. An index that is not a number follows an underscore."""
         head, parts = index_parts(name) if name not in self.literal else (latin(name), [])
         head = UNICODE_GREEK.get(head, head) if name not in self.literal else head
         dotted = unicodedata.normalize("NFC", head[0] + DOTS[dots]) + head[1:]
@@ -214,17 +214,20 @@ class UnicodeNotation(Notation):
         return "_".join([dotted + below, *map(self.letter, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return a calligraphic capital, or the word."""
+        """Return a calligraphic letter if there is one, else the word; with indices.
+
+        It replaces a letter that looks like a symbol of the user.
+        """
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return 6.674·10⁻¹¹."""
+        """Return a number, with a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
         if exponent is None:
             return FormulaPiece(digits, simple=True)
         return FormulaPiece(f"{digits}·10{str(exponent).translate(SUPERSCRIPT)}", POWER)
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return ½, g/l or (a + b)/(c d)."""
+        """Return a fraction: ½, g/l or (a + b)/(c d)."""
         if f"{above.text}/{below.text}" in VULGAR:
             return FormulaPiece(VULGAR[f"{above.text}/{below.text}"])
         opened = any(f"{name} " in above.text or f"{name}²" in above.text for name in CIRCULAR)
@@ -232,18 +235,18 @@ class UnicodeNotation(Notation):
         return FormulaPiece(f"{over}/{below.closed or self.grouped(below, POWER)}", FRACTION)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return base², base^n or base^(3/2)."""
+        """Return a power: base², base^n or base^(3/2)."""
         if exponent.lstrip("-").isdigit():
             return FormulaPiece(base + exponent.translate(SUPERSCRIPT), POWER)
         return FormulaPiece(f"{base}^{exponent if len(exponent) == 1 else self.brackets(exponent)}", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        """Return √x or √(a + b)."""
+        """Return a square root: √x or √(a + b)."""
         short = inside.simple and len(inside.text) < 3
         return FormulaPiece("√" + (inside.text if short else self.brackets(inside.text)))
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return sin² θ, cos(a − b), |x|, or e^(−t)."""
+        """Return a function, raised to an exponent if given: sin² θ, cos(a − b), |x|, or e^(−t)."""
         inside = ", ".join(argument.text for argument in arguments)
         if name == "abs":
             return self.power_of(f"|{inside}|", exponent)
@@ -260,44 +263,44 @@ class UnicodeNotation(Notation):
         return self.power_of(f"{shown}({inside})", exponent)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return {a if c; b otherwise}."""
+        """Return pairs of value and condition: {a if c; b otherwise}. The last condition may be empty."""
         parts = [f"{value} if {condition}" if condition else f"{value} otherwise" for value, condition in rows]
         return FormulaPiece("{" + "; ".join(parts) + "}", ATOM)
 
     def transposed(self, matrix: str) -> str:
-        """Return Gᵀ."""
+        """Return the transpose of a matrix that is named by a letter: Gᵀ."""
         return f"{matrix}ᵀ"
 
     def partial(self, above: str, below: str) -> str:
-        """Return ∂L/∂θ̇."""
+        """Return a partial derivative: ∂L/∂θ̇."""
         return f"∂{above}/∂{below}"
 
     def rate(self, inside: str) -> str:
-        """Return d/dt ∂L/∂θ̇."""
+        """Return the time derivative of `inside`: d/dt ∂L/∂θ̇."""
         return f"d/dt {inside}"
 
 
 class PrintedWidth(UnicodeNotation):
-    """Notation that measures: its text is as wide as the printed formula.
+    """Notation that measures formulas: its text has the width of the printed formula, but is not printed.
 
-    Of a fraction it keeps the wider part, and blanks only around functions.
+    It contains only the wider part of a fraction, and blanks only around functions.
     """
 
     product_sign = ""
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return a function with a blank before it."""
+        """Return the text of a function with a blank before it."""
         piece = super().function(name, arguments, exponent)
         return replace(piece, text=f" {piece.text}", closed=f" {piece.closed}" if piece.closed else "")
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return the numerator or the denominator, whichever is wider."""
+        """Return the numerator or the denominator of a fraction, whichever is wider."""
         return FormulaPiece(max(above.text, below.text, key=width), POWER)
 
     def partial(self, above: str, below: str) -> str:
-        """Return ∂L or ∂θ̇, whichever is wider."""
+        """Return the numerator or the denominator of a partial derivative, ∂L or ∂θ̇, whichever is wider."""
         return "∂" + max(above, below, key=width)
 
     def rate(self, inside: str) -> str:
-        """Return the denominator of d/dt, and the inside."""
+        """Return a text as wide as the time derivative of `inside`: the denominator dt, and `inside`."""
         return f"dt {inside}"

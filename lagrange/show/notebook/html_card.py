@@ -37,7 +37,7 @@ def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table; a sentence gives the number of rows that are left out."""
+    """Return an HTML table; of many rows some are left out, and a sentence gives their number."""
     head = "".join(f"<th {_LEFT}>{text(name)}</th>" for name in headings)
     body, shown = "", 0
     for row in rows:
@@ -63,7 +63,7 @@ def sentences(lines: Sequence[str]) -> str:
 
 
 def image(figure: Figure, about: str) -> str:
-    """Return a figure as an embedded picture, with an alternative text."""
+    """Return a figure as HTML with an embedded picture; `about` is its alternative text."""
     data = b64encode(bounded_png(figure, 2 * SCREEN_DPI)).decode("ascii")
     width = round(SCREEN_DPI * figure.get_size_inches()[0])
     source = f"data:image/png;base64,{data}"
@@ -71,7 +71,10 @@ def image(figure: Figure, about: str) -> str:
 
 
 def pictured(card: str, draw: Callable[[], Figure], about: str) -> str:
-    """Return a card with a picture under it, or with the sentence that says why nothing can be drawn."""
+    """Return a card with the picture that `draw` returns under it, or a sentence that says why there is none.
+
+    `about` is the alternative text of the picture.
+    """
     try:
         return card + image(draw(), f"plot of {about}")
     except StatementError as nothing_to_draw:

@@ -1,8 +1,8 @@
 """Markdown pages with formulas in LaTeX, of limited length, whose long parts fold.
 
-They are Markdown because JupyterLab, VS Code, Colab, nbviewer and nbconvert all render its formulas. VS Code does not
-render formulas in HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also takes a fifth of
-the space.
+The pages are Markdown because JupyterLab, VS Code, Colab, nbviewer and nbconvert all render formulas in Markdown. VS
+Code does not render formulas in HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also
+takes a fifth of the space of MathML.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ Part = tuple[str, str]
 
 
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
-    """Return the parts of a page that fit within `most` characters.
+    """Return a page: its parts, as far as they fit within `most` characters.
 
-    A sentence, with `instead`, replaces each of the others.
+    Each other part is replaced by a sentence, which ends with `instead`.
     """
     shown: list[str] = []
     room = most
@@ -51,22 +51,25 @@ def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> 
 
 
 def left_out(name: str, why: str, instead: str) -> str:
-    """Return the sentence that replaces a part; `instead` is a Markdown sentence that says where to find it."""
+    """Return the sentence that replaces the part `name`; `why` is the reason.
+
+    `instead` is a Markdown clause that says where to find the part.
+    """
     return f"*{markdown_text(name)}: not shown here, {markdown_text(why)}; {instead}*"
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return Markdown that folds under a summary line."""
+    """Return Markdown text that folds under a summary line."""
     return f"<details><summary>{escape(plain_text(summary))}</summary>\n\n{inside}\n\n</details>"
 
 
 def bold(words: str) -> str:
-    """Return text in bold, escaped."""
+    """Return a text in bold, with special characters escaped."""
     return f"**{markdown_text(words)}**"
 
 
 def operations(statement: Statement) -> int:
-    """Return the number of operations of the expressions from which the equations of motion are derived."""
+    """Return the number of operations in the expressions from which the equations of motion are derived."""
     stated = [statement.lagrangian, statement.dissipation, *statement.forces]
     return sum(
         int(expression.count_ops()) for expression in (*stated, *(each.expression for each in statement.constraints))
@@ -74,7 +77,7 @@ def operations(statement: Statement) -> int:
 
 
 def _plain(latex: str) -> str:
-    """Return LaTeX with a command in place of <, which some Markdown renderers take for the start of an HTML tag."""
+    """Return LaTeX with a command in place of <, because some Markdown renderers read < as the start of an HTML tag."""
     return latex.replace("<", r"\lt ")
 
 
@@ -121,7 +124,7 @@ class PageWriter:
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
 
     def rows(self, rows: Sequence[Formula | str]) -> tuple[str, int]:
-        """Return formulas and sentences on separate lines, and the number of lines."""
+        """Return formulas and sentences on separate lines as Markdown, and the number of lines."""
         together = groupby(rows, key=lambda row: isinstance(row, str))
         texts = [
             "\n\n".join(map(markdown_text, map(str, group))) if words else self.formulas(_formulas(group))
@@ -130,7 +133,7 @@ class PageWriter:
         return "\n\n".join(texts), sum(text.count(NEXT_LINE) + 1 for text in texts)
 
     def is_long(self, lines: int) -> bool:
-        """Return True if this number of lines is folded."""
+        """Return True if a text with this number of lines is folded."""
         return lines > LONG
 
     def equations(self, heading: str, laws: Sequence[Any]) -> str:

@@ -25,7 +25,7 @@ STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 @notebook_page.register
 def report_page(report: Report) -> str:
-    """Return the table of a check, under the verdict; it is folded if all comparisons pass."""
+    """Return the verdict of a check with its table under it. The table is folded if all comparisons pass."""
     head, *remarks = report.remarks()
     rows = [" | ".join(map(markdown_text, row.cells())) for row in report.rows]
     wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]
@@ -39,7 +39,7 @@ def report_page(report: Report) -> str:
 
 @notebook_page.register
 def comparison_page(comparison: EquationsComparison) -> str:
-    """Return the verdict, and the state at which an equation does not hold."""
+    """Return the verdict on a student's equations, and the state at which one of them does not hold."""
     verdict = f"{bold('Right' if comparison else 'Wrong')}: {markdown_text(comparison.message)}"
     if not comparison.counterexample:
         return verdict
@@ -50,7 +50,7 @@ def comparison_page(comparison: EquationsComparison) -> str:
 
 @notebook_page.register
 def conserved_page(conserved: Conserved) -> str:
-    """Return the quantity as a formula, and the reason why it is conserved."""
+    """Return the conserved quantity as a formula, and the reason why it is conserved."""
     return joined(conserved_parts(conserved, PageWriter(conserved.statement)), "`.expression` has it.")
 
 
@@ -79,7 +79,7 @@ def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
 
 @notebook_page.register
 def modes_page(modes: Modes) -> str:
-    """Return the frequencies with their shapes."""
+    """Return the frequencies of the modes with their shapes."""
     return joined(_modes(modes), "`.frequencies` and `.shapes` have all.")
 
 
@@ -117,7 +117,7 @@ def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
 
 @notebook_page.register
 def linearization_page(linear: Linearization) -> str:
-    """Return M, C, K and the inputs, with the point."""
+    """Return the matrices M, C, K and those of the inputs, with the point of linearization."""
     return joined(_linearization(linear), "its fields `.M`, `.C`, `.K`, `.A` and `.B` have all.")
 
 
@@ -141,7 +141,7 @@ MOST_ROWS = 8
 
 @notebook_page.register
 def hamiltonian_page(hamiltonian: Hamiltonian) -> str:
-    """Return H, the momenta, and Hamilton's equations."""
+    """Return the Hamiltonian H, the momenta, and Hamilton's equations."""
     return joined(_hamiltonian(hamiltonian), "`.expression`, `.momenta` and `.equations()` have all.")
 
 
@@ -162,21 +162,21 @@ def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
 
 
 def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
-    """Return an expression as a formula, or a sentence if it is long."""
+    """Return `left` = `expression` as a formula, or a sentence that calls it `name` if it is long."""
     if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
         return left_out(name, f"it has {size} operations", "`.expression` has it.")
     return writer.formulas([Formula((expression,) if left is None else (left, expression))])
 
 
 def _rounded(value: Any) -> Any:
-    """Return a decimal with six digits; exact numbers and expressions are unchanged."""
+    """Return a decimal number with six digits; exact numbers and expressions are unchanged."""
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({decimal: sympy.Float(f"{float(decimal):.6g}") for decimal in value.atoms(sympy.Float)})
 
 
 class ResultList(list[Any]):
-    """Conserved quantities, or equilibria; a notebook shows the list as formulas with the reason for each."""
+    """A list of conserved quantities or equilibria; a notebook shows it as formulas, each with its reason."""
 
     def _repr_markdown_(self) -> str | None:
         if not self:

@@ -62,14 +62,17 @@ class ShownDerivation(Derivation):
         return self.written("html")
 
     def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
-        """Return a document for pdflatex. The texts are above the derivation; the default title is the name."""
+        """Return a document for pdflatex, with these texts above the derivation.
+
+        The default title is the name of the system.
+        """
         return self.written("latex", title=title, author=author, date=date, problem=problem)
 
     def written(self, style: str | None = None, **above: str) -> str:
         """Return the derivation in a style: "text", "unicode", "latex", "markdown" or "html".
 
-        The default style is Unicode if standard output is a terminal that supports it, else text. `above` are the texts
-        above the derivation: title, author, date and problem. Raises StatementError for another style.
+        The default style is "unicode" if standard output is a terminal that supports it, else "text". `above` are the
+        texts above the derivation: title, author, date and problem. Raises StatementError for another style.
         """
         heading = Heading(**{field: text(value, field) for field, value in above.items()})
         chosen = terminal_style() if style is None else style
@@ -91,12 +94,15 @@ class ShownDerivation(Derivation):
 
 
 def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
-    """Return the derivation of a statement that prints itself. Raises StatementError for an unknown detail."""
+    """Return the derivation of a statement as an object that prints itself.
+
+    `remarks` are sentences on it; `detail` is "full" or "short". Raises StatementError for any other detail.
+    """
     return ShownDerivation(statement, TextbookAlgebra(statement), remarks, detail)
 
 
 def derivation_page(derivation: ShownDerivation) -> str:
-    """Return the derivation for a notebook, section by section, as far as there is room."""
+    """Return the derivation for a notebook, section by section; sections that do not fit are replaced by a sentence."""
     return joined(_parts(derivation), INSTEAD)
 
 

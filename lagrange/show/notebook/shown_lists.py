@@ -1,4 +1,4 @@
-"""Lists and dicts of formulas and records: subclasses of Python's own that a notebook shows as formulas."""
+"""Lists and dicts of formulas and names: subclasses of Python's own that a notebook shows as formulas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange.statement.statement import Statement
 
 
 class EquationList(list[Any]):
-    """SymPy equations, in the symbols of a statement."""
+    """A list of SymPy equations, in the symbols of a statement."""
 
     def __init__(self, equations: Iterable[Any], statement: Statement) -> None:
         super().__init__(equations)
@@ -32,7 +32,7 @@ class EquationList(list[Any]):
 
 
 class ExpressionDict(dict[Any, Any]):
-    """SymPy expressions by symbol.
+    """A dict of SymPy expressions by symbol.
 
     `shown` maps a key to the left side of its formula, such as the acceleration of a coordinate.
     """
@@ -50,7 +50,7 @@ class ExpressionDict(dict[Any, Any]):
 
 
 class ExpressionTuple(tuple[Any, ...]):
-    """SymPy expressions that print in the spelling of scene files."""
+    """A tuple of SymPy expressions that prints in the spelling of scene files."""
 
     statement: Statement
 
@@ -64,7 +64,7 @@ class ExpressionTuple(tuple[Any, ...]):
         return ExpressionTuple, (tuple(self), self.statement)
 
     def written(self) -> list[str]:
-        """Return the text of each expression."""
+        """Return the text of each expression, in the spelling of scene files."""
         return list(map(SideWriter(self.statement, Notation).setter.write, self))
 
     def __repr__(self) -> str:
@@ -72,7 +72,7 @@ class ExpressionTuple(tuple[Any, ...]):
 
 
 class SceneList(list[str]):
-    """The names of scenes, with a description of each for a notebook."""
+    """A list of the names of scenes; a notebook shows it with descriptions."""
 
     def __init__(self, names: Iterable[str], about: Iterable[str] = ()) -> None:
         super().__init__(names)
@@ -83,7 +83,7 @@ class SceneList(list[str]):
 
 
 def scenes() -> list[str]:
-    """Return the names of the scene library."""
+    """Return the names of the scenes in the library."""
     entries = library()
     return SceneList((entry.name for entry in entries), (entry.about for entry in entries))
 

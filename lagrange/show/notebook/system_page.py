@@ -26,7 +26,7 @@ INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the page; `findings` are sentences about the structure, and about conserved quantities."""
+    """Return the page of a system; `findings` are sentences about its structure and conserved quantities."""
     return joined(_parts(derivation, findings), INSTEAD)
 
 
