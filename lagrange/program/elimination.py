@@ -104,7 +104,7 @@ class Elimination:
 
 @lru_cache(maxsize=256)
 def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
-    """Return the elimination of a matrix of size `order`. Calls with equal arguments return the same object."""
+    """Return the elimination of a matrix; equal arguments give the same object. `Elimination` has the arguments."""
     return Elimination(order, entries, negative)
 
 

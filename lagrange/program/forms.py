@@ -2,8 +2,8 @@
 
 The momentum form is dp/dt = f. In d'Alembert's form each term C Y of p, with C free of velocities, is differentiated
 by parts: C dY/dt = f - Y dC/dt. If the Lagrangian is a sum of squares of velocities of points, Y dC/dt cancels against
-terms of f, and half of the products are gone. Both forms have the same mass matrix, so that one kernel serves both. The
-caller builds both and keeps the cheaper.
+terms of f, and half of the products disappear. Both forms have the same mass matrix, so that one kernel serves both.
+The caller builds both and keeps the cheaper one.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ class _FinishedCoordinates:
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Return an expansion in which the remainder of each finished coordinate replaces its force and slope."""
+        """Return `terms` with the remainder of each finished coordinate in place of its force and slope."""
         found = dict(terms)
         todo = [place for key in found for place in self._places.get(key, ())]
         heapify(todo)

@@ -188,9 +188,9 @@ class RecurrenceBuilder:
         return scale, value
 
     def product(self, factors: Sequence[Node]) -> int:
-        """Return the number of the value of a product of moving nodes.
+        """Return the number of the value of the product of `factors`, nodes that vary in time.
 
-        It is multiplied pair by pair, first the pairs that other products need.
+        The factors are multiplied pair by pair, first the pairs that other products need.
         """
         rest = sorted(factors, key=lambda f: (f.binding, f.id))
         while len(rest) > 2:
@@ -268,7 +268,10 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Set the rule of a symbol, and of the symbols in its derivative, to the integral of the derivative."""
+        """Set the rule of the symbol `node`, and of symbols in its derivative, to the integral of the derivative.
+
+        `rates` maps symbols to their derivatives.
+        """
         waiting = [node]
         reserved: dict[Node, int] = {}
         while waiting:
@@ -333,7 +336,7 @@ def _is_divisor(node: Node) -> bool:
 
 
 def _moving(product: Node) -> list[Node]:
-    """Return the factors that are not constant. Those that depend on coordinates alone come first."""
+    """Return the factors of a product that are not constant. Factors of coordinates alone come first."""
     return sorted((a for a in product.args if a.binding > Binding.PARAMETER), key=lambda f: (f.binding, f.id))
 
 

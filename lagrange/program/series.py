@@ -95,11 +95,11 @@ class Stage:
 class SeriesProgram:
     """The series of a motion of n coordinates.
 
-    `constants` computes the table of coefficients; `numbers` has each coefficient that is known now, else None. `start`
-    computes the values `started` at order 0. After them come the lower triangles of the matrices, stage by stage; those
-    of constant matrices are in `constants` instead. Both programs take the parameters, then the `sides` of the
-    switching surfaces (`lagrange.program.switching`), the signs of the results of `surfaces`. `start` also takes the
-    table; its state is [q, v] and the rounding errors of q and v.
+    `constants` is the program of the table of constants. `numbers` has each constant that is a number, and None for
+    each that depends on parameters. `start` is the program of the values `started` at order 0, followed by the lower
+    triangles of the matrices, stage by stage; `constants` computes the constant matrices instead. Both programs take
+    the parameters, then the `sides` of the switching surfaces (`lagrange.program.switching`), which are the signs of
+    the results of `surfaces`. `start` also takes the table. Its state is [q, v] and the rounding errors of q and v.
 
     `rates` are the values of dq/dt; `watched` are the values of the surfaces and events. `values` computes the watched
     values from a state, the parameters and the sides. `projection` computes the corrections of a state onto the

@@ -191,7 +191,7 @@ class _Simplifier:
         return self.emit("sub", found, first) if one.op == "add" else self.emit(one.op, first, found)
 
     def parts(self, ref: int) -> list[Signed]:
-        """Return the two operands of a sum or difference with their signs; an empty list for other instructions."""
+        """Return the signed operands of `ref` if it is a sum or difference; an empty list for other instructions."""
         one = self.code[ref]
         if one.op not in SUMS:
             return []
@@ -220,7 +220,7 @@ class _Simplifier:
         return terms
 
     def total(self, terms: Sequence[Term]) -> Signed:
-        """Emit a sum of products and return its signed value."""
+        """Emit the sum of the products `terms`, and return its signed value."""
         found = None
         for negative, factors in terms:
             value = Signed(self.product(factors), negative)
@@ -230,7 +230,7 @@ class _Simplifier:
         return found
 
     def product(self, factors: Sequence[int]) -> int:
-        """Emit a product.
+        """Emit the product of `factors`, and return its index.
 
         Factors of parameters alone come first. Inputs come last, because products differ most in them.
         """
@@ -242,7 +242,7 @@ class _Simplifier:
 
 
 def _data(one: Instruction) -> dict[str, Any]:
-    """Return the fields of an instruction other than its operation and operands."""
+    """Return the fields of the instruction `one` other than its operation and operands."""
     return {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
 
 

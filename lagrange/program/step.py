@@ -1,8 +1,8 @@
 """One step of an integrator as a program: written once in plain Python, traced to calls and combinations.
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
-arrays it computes; given the `TracedVector`s of this module it leaves a record that a machine compiles, with every
-argument and result a linear combination of the state and the slopes found so far. What it calls is one of `LAWS`.
+arrays it computes. Given the `TracedVector`s of this module it leaves a record that a machine compiles: every argument
+and result is a linear combination of the state and of earlier slopes. The function f is one of `LAWS`.
 
 An implicit step has one more argument, `solve`, which introduces unknown vectors. Backward Euler is
 

@@ -96,7 +96,7 @@ class _Parts(NamedTuple):
 
     @classmethod
     def of(cls, e: Equations, switched: Switched, *, solved: bool) -> _Parts:
-        """Return the outputs of `switched_equations`, divided into their parts."""
+        """Return the outputs of `switched_equations`, divided into their parts; `right` is empty unless `solved`."""
         n, m = len(e.motion.momenta), len(e.constraints)
         right = len(e.matrix) if solved else 0
         places = sum(phi is not None for phi in e.constraints.positions)
@@ -106,7 +106,7 @@ class _Parts(NamedTuple):
 
 
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
-    """Return the forms of the equations, for a comparison of their costs.
+    """Return builders of the series for each form of the equations, for a comparison of their costs.
 
     `solved` is true if accelerations or multipliers are watched.
     """

@@ -135,7 +135,7 @@ def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> b
 
 @inline
 def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> bool:
-    """Return True if there is a time with index `place` and it is before the end of a step."""
+    """Return True if the output time `wanted[place]` exists and is before the time `end` in the direction `sign`."""
     time = wanted[min(place, count - 1)]
     return (time - end) * sign < 0.0 and place < count
 
@@ -183,7 +183,7 @@ def on_step(
     out: Out,
     stride: int,
 ) -> None:
-    """Write the states at times on one step. Accepted states are copied."""
+    """Write the states at the `wanted` times on one step, entries `stride` apart. Accepted states are copied."""
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
     h = end - t

@@ -111,7 +111,7 @@ def hermite(block: PolynomialBlock) -> None:
 
 @inline
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
-    """Begin the iteration with the cubic. The first trial is accepted if its change is below the largest slope."""
+    """Begin with the cubic as first iterate. The next one is accepted if its change is below the largest slope."""
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -157,7 +157,7 @@ def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
 
 @inline
 def judge(block: PolynomialBlock) -> None:
-    """Accept the trial in the columns in which the change is less than half of the previous one."""
+    """Accept the next iterate in the columns in which the change is less than half of the previous change."""
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
     for x in block.entries():

@@ -473,7 +473,10 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
 
 @inline
 def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, values: In) -> None:
-    """Record an event and the state after its reset, and start the next smooth piece there."""
+    """Record an event and the state `after` its reset, and start the next smooth piece of the motion there.
+
+    `before_values` and `values` are the event functions before and after the reset.
+    """
     waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
     run, counts = waiting.event_run, waiting.counts
     watch.which[watch.review.found] = event

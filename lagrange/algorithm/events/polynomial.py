@@ -77,7 +77,7 @@ Pair = tuple[float, float]
 
 @inline
 def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
-    """Return the zero of a function between two points, by the cubic that interpolates the inverse function.
+    """Return the zero of a function between the points `places`, by the cubic that interpolates the inverse function.
 
     The cubic uses values and slopes, by divided differences of the inverse function with double points. If a slope is
     not positive, or the result is not between the points, the zero of the chord is returned.

@@ -81,7 +81,7 @@ class Search:
 
     @inline
     def come_near(self, place: float) -> None:
-        """Process a point within the noise. Of these points, store that with the least value of sign times function."""
+        """Process the point `place` within the noise. The one with the least value of sign times function is stored."""
         relay = self.relay
         if relay.counted == 0:
             depth = float(relay.sign) * value(self.c, self.count, place)
@@ -92,7 +92,7 @@ class Search:
 
     @inline
     def count_sign(self, place: float, sign: int) -> None:
-        """Process a sign beyond the noise: opposite to the last one it is a crossing, else a touch or no root."""
+        """Process a sign beyond the noise at `place`: a crossing if the last sign is opposite, else a touch or none."""
         relay = self.relay
         before = relay.sign
         if sign == -before:
@@ -112,7 +112,7 @@ class Search:
 
     @inline
     def report(self, place: float, rising: int) -> None:
-        """Write a root if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
+        """Write the root `place` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
         slot = self.relay.found
         if likely(slot < self.room):
             self.times[slot] = self.h * place
@@ -175,7 +175,10 @@ def sort_zeros(count: int, times: Any, others: tuple[Any, ...]) -> None:
 
 @inline
 def begin(search: Search, first: int, sign: int, near: bool) -> None:
-    """Begin at the start of the step, with the side on which the previous step ended."""
+    """Begin at the start of the step, with `sign` and `near` at the end of the previous step.
+
+    `first` is the sign of the function at the start, 0 within its noise.
+    """
     relay, c = search.relay, search.c
     is_leaving = float(sign) * c[1] >= 0.0
     # Without `near`, the previous step counted a root at the joint that g leaves. A root that g reaches there is new.

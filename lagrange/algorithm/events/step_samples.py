@@ -335,13 +335,16 @@ def samples_type(*without: str) -> Bundle:
 
 @inline
 def times_at(t: float, end: float, thetas: Sequence[float]) -> Reals:
-    """Return the times at fractions of a step. The first and the last are exactly its ends."""
+    """Return the times at the fractions `thetas` of a step. The first and the last are exactly its ends."""
     return (t, *(fma(end - t, theta, t) for theta in thetas[1:-1]), end)
 
 
 @inline
 def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -> Reals:
-    """Return the values of an entry of the state in column `b` at fractions of the step."""
+    """Return the values of an entry of the state in column `b` at the fractions `thetas` of the step.
+
+    The coefficients of the entry begin at c; `total` is the distance between those of consecutive powers.
+    """
     top = c[degree * total :][b]
     sums = tuple(top for _ in thetas)
     for k in range(degree):
@@ -361,7 +364,7 @@ def extent(values: Reals) -> tuple[float, float]:
 
 @inline
 def edge_noise(value: float, moved: float) -> float:
-    """Return the rounding error of an event at an accepted state, from its `value` and that at a perturbed state."""
+    """Return the rounding error of an event at an accepted state, from its `value` and the perturbed value `moved`."""
     error = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
     return error if error < math.inf else 0.0
 

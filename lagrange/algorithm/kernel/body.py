@@ -267,7 +267,7 @@ class Body:
         return memory
 
     def factor(self, ref: int, one: Instruction) -> None:
-        """Factor a matrix, written out or in memory, as its size and the style decide."""
+        """Factor the matrix of `one`, instruction number `ref`: written out or in memory, as size and style decide."""
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
@@ -276,7 +276,7 @@ class Body:
             self.factors[ref] = FactoredMatrix({}, None, self.factored_in_memory(one))
 
     def factored_in_memory(self, one: Instruction) -> Memory:
-        """Factor a matrix in memory, and return its factors."""
+        """Factor the matrix of the factor instruction `one` in memory, and return the memory of the factors."""
         failed = self.fails()
         factors = self.p.reserve(factor_size(one.order), name="factors")
         failed.value = failed.value | self.p.call(factor_dense.form(), one.order, self.matrix(one), factors)
@@ -338,7 +338,10 @@ class Body:
             rows[i * width + column] = 0.0 if value is None else value
 
     def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
-        """Solve systems with adjacent right-hand sides in memory. Entries of solutions are read at their use."""
+        """Solve the systems `solves`, whose right-hand sides are adjacent in memory, by `factors` in memory.
+
+        Entries of the solutions are read at their use.
+        """
         p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
         rows, width = self.rows_of(solves)
         for i in range(n if count < width else 0):
@@ -378,13 +381,19 @@ class Body:
         return [[variable.value for variable in x] for x in kept]
 
     def densely(self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return solutions by `factor_dense`, which recognizes definite matrices in any units."""
+        """Return solutions for the right-hand sides `right` by `factor_dense`, for the matrix of the instruction `one`.
+
+        `factor_dense` recognizes definite matrices in any units.
+        """
         return self.in_memory(plan.order, self.factored_in_memory(one), right)
 
     def in_a_band(
         self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return solutions of a sparse matrix by banded pivoting, with rows in the order `ranks` of the plan."""
+        """Return solutions for the right-hand sides `right` by banded pivoting, for the sparse matrix of `one`.
+
+        Rows are in the order `ranks` of the plan.
+        """
         p, n, failed = self.p, plan.order, self.fails()
         matrix = p.reserve(band_size(n, plan.band), name="matrix")
         elimination.write_band(p, plan, self.entries(one), matrix)

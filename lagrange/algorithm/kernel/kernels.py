@@ -46,10 +46,10 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that writes parameters and hoisted results.
+    """Return the procedure `name` that writes parameters and hoisted results, with the comment `about`.
 
-    With `in_place` the array contains the parameters already. `divisors` are indices of results that are matrices of
-    size one: a zero among them is a singular matrix.
+    With `in_place` the array contains the parameters already. `names` are the names of values in printed code, by
+    instruction. `divisors` are indices of results that are matrices of size one: a zero there is a singular matrix.
     """
     p = Builder(name, about)
     program = prepared.program
@@ -78,7 +78,10 @@ def kernel(
     names: Mapping[int, str] | None = None,
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that evaluates a program; `names` are the names of values in printed code."""
+    """Return the procedure `name` that evaluates a program, with the comment `about`.
+
+    `names` are the names of values in printed code, by instruction.
+    """
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))

@@ -64,7 +64,7 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
 
 
 def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
-    """Return True if the operations of an elimination are written out one by one."""
+    """Return True if the operations of an elimination are written out one by one: up to the size `largest`."""
     return plan.order <= largest or plan.written_out
 
 

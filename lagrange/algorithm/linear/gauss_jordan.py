@@ -91,7 +91,7 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 
 @inline
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
-    """Return the row, from k on, whose scaled entry in column k is largest; k if no entry there is finite."""
+    """Return the row, from k on, whose entry in column k is largest after scaling by `units`; k if none is finite."""
     stride = row_stride(n)
     if n > UNROLLED_ORDER:
         best, row = -1.0, k
@@ -117,7 +117,7 @@ def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride
 
 @inline
 def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
-    """Return the larger candidate of each pair."""
+    """Return the larger candidate of each pair of neighbours in `found`."""
     pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
     return (*pairs, found[-1]) if len(found) % 2 else pairs
 

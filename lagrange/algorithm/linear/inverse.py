@@ -58,7 +58,10 @@ def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
 
 @procedure(lower=lambda: Array(read=True, room=WIDEST_VECTOR), x=lambda: Array(room=WIDEST_VECTOR))
 def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
-    """Solve L D L^T X = I. `x` begins as the identity; its rows are also its columns, as it is symmetric."""
+    """Solve L D L^T X = I for X. `x` begins as the identity. Columns of `lower` and `x` are `stride` reals apart.
+
+    The rows of X are also its columns, because X is symmetric.
+    """
     for i in range(n):
         row = x[i * stride :]
         # Row j of the inverse of L ends at column j, and so do its contributions.
@@ -85,7 +88,10 @@ def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
 
 @procedure(out=lambda: Array(room=WIDEST_VECTOR), work=lambda: Array(room=WIDEST_VECTOR))
 def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse to `out`. Return True if the matrix is singular within rounding errors."""
+    """Write the inverse of a matrix to `out`. Return True if the matrix is singular within rounding errors.
+
+    `a` is its lower triangle by columns. The columns of the inverse are `stride` reals apart.
+    """
     square = stride * stride
     reciprocals = work[square:]
     for i in each(square, width=WIDEST_VECTOR, spill=True):

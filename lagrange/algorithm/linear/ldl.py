@@ -3,8 +3,8 @@
 A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
 pivoting, which is stable for a positive definite mass matrix. If a pivot vanishes against its diagonal entry, at
 `PIVOT`, the matrix is factored again with pivoting (see `lagrange.algorithm.linear.pivoted`), which works for every
-regular matrix. The matrix counts as singular only if a pivot vanishes there too. A zero factor subtracts nothing and
-its column is skipped, so that a sparse matrix in a good order takes a time like n^2.
+regular matrix. The matrix counts as singular only if a pivot vanishes with pivoting too. A zero factor subtracts
+nothing and its column is skipped, so that the time for a sparse matrix in a good order is proportional to n^2.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1.
 
 Factors are kept in an array of `factor_size(n)` reals: [kind, rest]. The rest is [1/d (n), n unused, columns (n*n)] of

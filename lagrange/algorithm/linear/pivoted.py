@@ -50,7 +50,7 @@ def pivoted_size(n: int, band: int) -> int:
 
 @inline
 def column(n: int, band: int, j: int) -> int:
-    """Return the offset of column j of L and U in factors, shifted so that its index is the row."""
+    """Return the offset of column j of L and U in the factors: the entry of row i is at this offset + i."""
     height = min(n, 3 * band + 1)
     first = min(max(j - 2 * band, 0), n - height)
     return 4 * n + j * height - first
@@ -137,7 +137,7 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
 
 @inline
 def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
-    """Write the largest entry of each row after scaling of columns. Return 0 times the sum of all sizes."""
+    """Write the largest entry of each row after scaling of columns by `scales`. Return 0 times the sum of sizes."""
     nothing = 0.0
     for i in range(n):
         largest[i] = 0.0

@@ -75,7 +75,7 @@ def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, func
 
 @dataclass(frozen=True)
 class StepSamples(Samples):
-    """Samples of one step, which is in the memory of its block already; lanes hold members."""
+    """Samples of one step of a member. The memory of the block already has the step; each lane has one member."""
 
     end: float
     """Time at the end of the step."""

@@ -1,7 +1,7 @@
 """Tests of Newton's method: whether it has converged, and whether its matrix can be kept.
 
 An equal step is solved to round-off, a step with error control far below its tolerance. After a correction the error is
-estimated as the rest of a geometric series, with the contraction rate of the last two corrections, or that of the
+estimated as the rest of a geometric series, with the contraction rate of the last two corrections, or the rate of the
 previous step. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 

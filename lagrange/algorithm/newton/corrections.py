@@ -175,7 +175,7 @@ def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> Matr
 
 @dataclass(frozen=True)
 class MatrixProduct:
-    """A product of a matrix and a vector. Its sums over even and over odd columns are added last."""
+    """A product of a matrix and a vector. Each entry is the sum over even columns plus the sum over odd columns."""
 
     matrix: In
     residual: In

@@ -279,7 +279,10 @@ def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], t
 
 
 def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
-    """Return the entries of the inverse of a small symmetric matrix, and the flag that it is singular."""
+    """Return the entries of the inverse of a small symmetric matrix, and the flag that the matrix is singular.
+
+    `lower` has its lower triangle, and `negative` the indices of its negative pivots.
+    """
     plan = elimination(n, frozenset(lower), negative)
     factors, trusted = factored(p, plan, lower)
     columns = [solved(p, plan, factors, [p.real(float(i == j)) for i in range(n)]) for j in range(n)]

@@ -89,7 +89,7 @@ def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, rel
 
 @inline
 def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
-    """Return the arguments of steps that start from a state. With blocks of one number its vectors are adjacent."""
+    """Return the arguments of steps that start from the state y. With blocks of one number, vectors are adjacent."""
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
     numbers = None if of.projection is None else p

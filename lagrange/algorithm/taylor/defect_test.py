@@ -206,7 +206,10 @@ def verified_step(
 def disagreeing(
     s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
 ) -> int:
-    """Return the index of the first series whose sum at the end of a step differs from its function there, or -1."""
+    """Return the index of the first series whose sum at the end of a step differs from its function there, or -1.
+
+    `there` are the functions at the end; `noise` and `blur` are their noise at the start and, if known, at the end.
+    """
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):

@@ -76,8 +76,8 @@ def event_noise(
     """Write the noise of watched functions, with these `values`, due to rounding of the state.
 
     The state here and at the end of the last step may be rounded. The time and the `size` entries of the state are
-    perturbed by about the square root of the rounding unit, each by a different factor. With equal factors the
-    difference of two equal entries would seem exact.
+    multiplied by `tilts`, which differ from 1 by about the square root of the rounding unit. With equal factors the
+    difference of two equal entries would seem exact. `moved` is memory for the perturbed state.
     """
     for i in range(size):
         moved[i] = y[i] * tilts[i]
@@ -287,7 +287,8 @@ def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, 
 def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
     """Write the terms x[k] s**k of a watched function, also multiplied by k, and their `TERM_SUMS`.
 
-    The coefficients are read from rows that are `width` doubles apart.
+    The terms are written to `c`, the terms times k to `slopes`, and the sums to `sums`. The coefficients x[k] are read
+    from rows that are `width` doubles apart.
     """
     start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
@@ -326,7 +327,10 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 
 @procedure
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
-    """Return the only point between 0 and 1 at which the polynomial with coefficients `terms` reaches `sign`."""
+    """Return the only point between 0 and 1 at which the polynomial with coefficients `terms` reaches `sign`.
+
+    `slopes` are the coefficients of its derivative, and `sums` are its `TERM_SUMS`.
+    """
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
     return approach(terms, slopes, count, 0.0, 1.0, inverse_cubic((0.0, 1.0), values, rates), sign)
@@ -433,7 +437,10 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 
 @inline
 def changes_side(watched: Watched, i: int, length: float, layout: TaylorLayout) -> bool:
-    """Return True if a function that cannot jump has changed its sign by more than its slope explains."""
+    """Return True if function i, which cannot jump, has changed its sign by more than its slope explains.
+
+    `length` is the length of the last step in units of the scale.
+    """
     value, slope = [row(watched.work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
     started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]
     sign, smooth = side(watched, SIGN, layout)[i], setting(watched, SMOOTH, i, layout)

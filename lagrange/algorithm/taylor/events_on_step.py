@@ -313,7 +313,7 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
 
 @inline
 def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
-    """Return True if a watched function is among the first `due` ones that are zero at the end of the step."""
+    """Return True if watched function number `place` is in the list of due functions, which has the length `due`."""
     places, is_there = whole_part(watched, "due", layout), False
     for j in range(due):
         is_there = is_there or places[j] == place

@@ -97,8 +97,9 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
 def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: TaylorLayout) -> Outcome:
     """Record or reject the last step: DONE if it is recorded, PAUSED if it is rejected.
 
-    At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to estimate the sizes
-    of the entries.
+    `weights` are 1 / tolerance of each entry of the state. `is_singular` is true if the new series has a singular
+    matrix. At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to estimate
+    the sizes of the entries.
     """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order, watched = given.work, given.order, watched_of(given)

@@ -197,7 +197,7 @@ class TaylorLayout(Offsets):
 
     @cached_property
     def sizes(self) -> Any:
-        """The sizes as a record, which procedures read only."""
+        """The sizes as a record, an argument that procedures do not change."""
         return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
 
 

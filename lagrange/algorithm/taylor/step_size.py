@@ -128,7 +128,7 @@ def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
 
 @inline
 def largest(values: Sequence[float]) -> float:
-    """Return the largest magnitude of several numbers."""
+    """Return the largest magnitude of the values."""
     result = values[0]
     for value in values[1:]:
         result = magnitude(result, value)
@@ -153,7 +153,10 @@ def ends(order: int, step: float) -> bool:
 def choose_exponent(
     rtol: float, digits: float, floors: In, weights: In, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the binary logarithm of the allowed step, in units of the scale."""
+    """Return the binary logarithm of the allowed step, in units of the scale.
+
+    `digits` is minus the binary logarithm of the relative tolerance, and `weights` are 1 / tolerance of each entry.
+    """
     # The earlier rows come first: they are computed long before the last row.
     backwards = [
         logarithm(ratio(row(work, less(order, k), layout), weights, layout))
@@ -207,7 +210,11 @@ def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) ->
 
 @inline
 def radius(sizes: Sequence[float], distance: int, order: int) -> float:
-    """Return the binary logarithm of the radius of convergence from two rows; infinity if one is zero."""
+    """Return the binary logarithm of the radius of convergence from two rows, `ROW_DISTANCE` orders apart.
+
+    `sizes` are the binary logarithms of the last rows, by their distance from the last; the later row has this
+    `distance`. The result is infinity if one of the two rows is zero.
+    """
     early, late = sizes[distance + ROW_DISTANCE], sizes[distance]
     span = less(order, distance) - less(order, distance + ROW_DISTANCE)
     result = (early - late) * (1.0 / float(span))

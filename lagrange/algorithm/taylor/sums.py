@@ -24,9 +24,10 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magn
 
 @procedure(work=work_type)
 def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Add the series to the state, compensated. Return True if it is finite; else the state is unchanged.
+    """Add the series to the state, compensated. Return True if the sum is finite; else the state is unchanged.
 
-    The old state is stored, and the derivative at the end of the step, in units of the next scale.
+    `s` is the length of the step in units of the scale. The old state is stored, and so is the derivative at the end of
+    the step, multiplied by `longer`, the ratio of the next scale to this one.
     """
     new, lost = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     low, slopes, powers = work[layout.lost :], work[layout.slope :], powers_of(s)
@@ -65,7 +66,7 @@ def powers_of(s: float) -> tuple[float, float, float]:
 
 @inline
 def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over k > 0 for entry i."""
+    """Return the sum of x[k] s**k over k > 0 for entry i; `powers` are s, s**2 and s**4."""
     if layout.chains:
         return chained_sum(work, order, powers, i, layout)
     return horner(work, order, powers[0], i, layout)[0]
@@ -102,7 +103,7 @@ def top_of_chain(
 
 @inline
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
-    """Write the sums of k x[k] s**(k - 1), by Horner's rule for a polynomial and its derivative.
+    """Write the sums of k x[k] s**(k - 1), multiplied by `longer`, by Horner's rule for a derivative.
 
     Only blocks with velocities are summed: the equations of the coordinates are satisfied by construction.
     """
@@ -118,7 +119,7 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
 
 @procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
-    """Write the state at time s on a step; this procedure works for every layout."""
+    """Write the state at time s on a step to `to`. `sizes` describes the layout, which may be any."""
     layout = layout_of(sizes)
     lost = work[layout.lost :]
     if likely(layout.chains != 0):

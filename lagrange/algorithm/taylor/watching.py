@@ -268,14 +268,14 @@ def is_event(watched: Watched, place: int) -> bool:
 
 @inline
 def counts_as_event(watched: Watched, place: int, direction: int, layout: Any) -> Any:
-    """Return True if a zero of an event function in a direction counts as an event."""
+    """Return True if a zero of event function number `place` in a direction counts as an event."""
     counted = setting(watched, DIRECTION, place, layout)
     return counted == 0 or counted == direction
 
 
 @inline
 def is_last(watched: Watched, place: int, count: int, layout: Any) -> Any:
-    """Return True if the run ends when an event function has had `count` events."""
+    """Return True if the run ends when event function number `place` has had `count` events."""
     terminal = setting(watched, TERMINAL, place, layout)
     return terminal > 0 and terminal <= count
 
@@ -292,7 +292,7 @@ def restore_sides(watched: Watched, layout: Any) -> None:
 
 @inline
 def write_event(watched: Watched, slot: int, t: float, place: int, layout: Any) -> Any:
-    """Write the time and the index of an event. Return the memory for its state."""
+    """Write the time t and the function's index `place` of event number `slot`. Return the memory for its state."""
     watched.event_times[slot] = t
     watched.event_places[slot] = place
     return watched.event_states[slot * layout.dimension :]
