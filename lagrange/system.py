@@ -341,9 +341,9 @@ class System:
         """Write a web page on which the system moves: one HTML file that needs no other file. Returns its path.
 
         The page computes in JavaScript, with the exported right-hand side and dop853. `parameters` and `initial`
-        overlay the stated values. Every parameter and initial value has a slider. `sliders` maps those that come first
-        to their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for names without a slider, for
-        functions that JavaScript lacks, and for a path that cannot be written.
+        overlay the stated values. Every parameter and initial value has a slider. `sliders` maps the quantities of the
+        first sliders to bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for names without a slider,
+        for functions that JavaScript lacks, and for a path that cannot be written.
         """
         from lagrange.page.web_page import write_page
 
@@ -374,9 +374,9 @@ class System:
 
         `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0.
         `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. A notebook shows the page of `to_page` in a frame, with
-        these sliders first. Where no page can be made, for a function that JavaScript lacks or another method, a
-        sentence says why, and sliders run in Python, with ipywidgets (the extra `notebook`). Raises StatementError
-        without it, and for a name that is not a parameter, coordinate or velocity.
+        these sliders first. If no page can be made (another method, or a function that JavaScript lacks), a sentence
+        says why, and sliders run in Python, with ipywidgets (the extra `notebook`). Raises StatementError if ipywidgets
+        is missing, and for a name that is not a parameter, coordinate or velocity.
         """
         from lagrange.page.explore import explore, explored_sliders
 
@@ -384,7 +384,7 @@ class System:
         return explore(self.statement, chosen, model, self.run, t_end=t_end, method=method, play=play, style=style)
 
     def eliminate(self, *coordinates: Any) -> System:
-        """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
+        """Return a smaller System, without some coordinates and the holonomic constraints that determine them.
 
         Each of `coordinates` is a coordinate or its name, the name of a constraint, or {coordinate: expression} to
         choose one of several solutions. Energies, forces, dissipation, positions and the initial state of the other
@@ -453,7 +453,7 @@ class System:
     def ignored(self, solution: Any) -> dict[Any, Any]:
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
 
-        They are integrated along the run, to 1e-12 relative to their total change, from the initial values here.
+        They are integrated along the run, to 1e-12 relative to their total change, from this system's initial values.
         Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
         """
         from lagrange.mechanics.transformation import ignored

@@ -78,7 +78,7 @@ class StatedPoint:
 
     @property
     def numbers(self) -> dict[Any, Any]:
-        """The values of the parameters that have one, the inputs left out."""
+        """Values of the parameters, without inputs and without parameters that have no value."""
         return {p: sympy.Rational(x) for p, x in self.form.statement.defaults.items() if p not in self.inputs}
 
     @cached_property

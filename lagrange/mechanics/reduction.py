@@ -161,7 +161,7 @@ def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
 
 
 def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
-    """Return (name of a coordinate, its expression or None) for each coordinate that a request names."""
+    """Return (name of a coordinate, its expression or None) for each coordinate to eliminate that a request names."""
     if isinstance(one, Mapping):
         return [(_named(key, statement), value) for key, value in one.items()]
     constraints = {constraint.name: constraint for constraint in statement.constraints}

@@ -359,7 +359,7 @@ class SymmetryEquation:
         return all(is_identity(stated.algebra, terms) for terms in conditions)
 
     def quantity(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the conserved quantity p . xi - tau E - F of a symmetry."""
+        """Return the conserved quantity p . xi - tau E - F of a symmetry; p are the momenta and E is the energy."""
         stated, algebra = self.stated, self.stated.algebra
         parts = [algebra.multiply(algebra.read(xi), p) for xi, p in zip(symmetry.xi, stated.momenta, strict=True)]
         if symmetry.tau != 0:

@@ -121,6 +121,8 @@ def transformed(
     """Return the statement in new coordinates, tested against the `model` in old ones.
 
     `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    `parameters` has values for parameters that are new in the expressions. `initial` is the initial state in the new
+    coordinates; None computes it from the stated one.
     """
     change = _transformation(statement, given, positive)
     _check_regular(change)
@@ -141,7 +143,7 @@ def transformed(
 
 
 def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
-    """Return {parameter: value} for the parameters of the statement and the new ones in the expressions."""
+    """Return {parameter: value or None} for the parameters of the statement and those that are new in expressions."""
     statement = change.statement
     if given is not None and not isinstance(given, Mapping):
         raise StatementError(
@@ -260,7 +262,7 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
 
 
 def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
-    """Return the error message for a different number of old and new coordinates."""
+    """Return the error message if the numbers of old and of new coordinates differ."""
     fewer = len(new) < len(table)
     remedy = (
         "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
@@ -379,7 +381,7 @@ class Routh:
 
     @cached_property
     def rates(self) -> tuple[Any, ...]:
-        """The velocities of the ignored coordinates."""
+        """The velocities of the ignored coordinates, as expressions in their momenta."""
         adjugate, determinant = self.inverted
         return tuple(simplest(x / determinant) for x in adjugate * self.shifted)
 
@@ -425,7 +427,7 @@ def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
 
 
 def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
-    """Return the statement without ignorable coordinates, tested against the model. Their momenta become parameters."""
+    """Return the statement without ignorable coordinates, whose momenta become parameters. `model` tests the result."""
     routh = routh_of(statement, wanted)
     values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.places, strict=True)}
     smaller = _without_ignored(routh, statement, values)

@@ -355,7 +355,7 @@ def _check_velocities(
 
 
 def check_redundant(given: Any) -> str:
-    """Return how constraints that follow from others are treated. Raises StatementError unless it is in `REDUNDANT`."""
+    """Return the word `given` for constraints that follow from others. Raises StatementError unless in `REDUNDANT`."""
     return one_of(given, REDUNDANT, "redundant is {given}: give one of {known}.")
 
 

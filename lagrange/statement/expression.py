@@ -104,7 +104,7 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers. Raises StatementError for the same types and sizes as `real_array`."""
+    """Return an array of complex numbers. Raises StatementError as `real_array` does for all other entries."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 

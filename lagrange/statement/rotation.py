@@ -170,11 +170,10 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     """Return a table of a state in coordinates and velocities alone: rotations and rates are replaced by quaternions.
 
     Keys of `given` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
-    are numbers or expressions. `values` has the present values of all coordinates and velocities, for those that are
-    not given. If no rates are given, the rates about the axes of the body stay. If some are given, the other rates
-    about the same axes stay. `table` names the table in messages. Raises StatementError for a start that is not a
-    rotation, for rates about the axes of both body and space, and for a rotation given both whole and by entries of its
-    quaternion.
+    are numbers or expressions. `values` has the present values of all coordinates and velocities. If no rates of a
+    rotation are given, its rates about the axes of the body stay. If some are given, the other rates about the same
+    axes stay. `table` names the table in messages. Raises StatementError for a start that is not a rotation, for rates
+    about the axes of both body and space, and for a rotation given both whole and by entries of its quaternion.
     """
     names = _names_of(tuple(values))
     plain, rates = _on_rates({names.get(key, key): value for key, value in given.items()}, values, table)

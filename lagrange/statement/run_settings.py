@@ -54,7 +54,7 @@ CHECKED_EVERY = 512
 
 
 class PreparationTooLongError(LagrangeError):
-    """Deriving or compiling took longer than the time limit; `model` is the one to run, None before it is known.
+    """Deriving or compiling took longer than the time limit; `model` was to run, None before its equations are known.
 
     It is not a RunError, since some callers treat a RunError as a missing value.
     """

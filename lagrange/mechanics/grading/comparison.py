@@ -118,7 +118,10 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
 
 
 def _scaled(row: EquationRow, rows: Sequence[EquationRow], sample: MotionSample) -> MotionSample:
-    """Return a sample with the multipliers of `row`. Others are those of the first equation that has them."""
+    """Return a sample with the system's multipliers scaled to those of the equation `row`.
+
+    A multiplier that `row` lacks is scaled to that of the first equation that has it.
+    """
     multiples = [_multiples(other, sample) for other in (row, *rows)]
     first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
     return replace(sample, multipliers=tuple(x * k for x, k in zip(sample.multipliers, first, strict=True)))

@@ -214,7 +214,7 @@ def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
 
 
 class _Search:
-    """Values of an equation, of its sums and of the factors that changes may contain, at all samples."""
+    """Search for the right change of one term, by the values of terms and candidate factors at all samples."""
 
     def __init__(
         self,

@@ -101,7 +101,7 @@ def told_change(change: Change, row: EquationRow, sample: MotionSample, write: W
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
-    """Return the name of the equation of motion that a right equation is: its coordinate, coordinates or constraint."""
+    """Return the coordinate or coordinates whose equation of motion `row` is, or the name of its constraint, or ""."""
     names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
     still = not any(row.slopes.values()) and not sample.first_order
     slopes = row.leading(sample)

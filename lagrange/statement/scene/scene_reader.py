@@ -172,7 +172,7 @@ class SceneDocument(Document):
 class SceneReader:
     """Reads the fields of one scene. Each method raises SceneError with line and column of its field.
 
-    Arguments are those of `Document`.
+    `text`, `path` and `most` are the arguments of `Document`.
     """
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:

@@ -123,10 +123,7 @@ def line_and_column(text: str, offset: int) -> tuple[int, int]:
 
 
 def inside(text: str, offset: int, column: int) -> int:
-    """Return the offset in the file of a character of a TOML string; `column` is its position in the string, from 1.
-
-    The string begins, with its quotation mark, at `offset`.
-    """
+    """Return the offset in `text` of character number `column`, from 1, of the TOML string that starts at `offset`."""
     quotes = text[offset : offset + 3]
     at = offset + (3 if quotes in ('"""', "'''") else 1)
     if at == offset + 3:
@@ -139,7 +136,7 @@ def inside(text: str, offset: int, column: int) -> int:
 
 
 def _after_fold(text: str, at: int, quotes: str) -> int:
-    """Return the offset after line breaks that a backslash removes from a string; `at` if there are none."""
+    """Return the offset after the line breaks at `at` that backslashes remove from a string; else return `at`."""
     fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
     return fold.end() if fold else at
 

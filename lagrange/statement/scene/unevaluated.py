@@ -165,7 +165,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(_power(term_of(base), term_of(exponent)))
 
     def _applied(self, word: FunctionWord, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the function of the parts; exp(1) is the constant E."""
+        """Return the function `word` applied to the parts; exp(1) is the constant E."""
         check_arity(word, len(parts))
         arguments = list(map(term_of, parts))
         if word.build is sympy.exp and parts[0].literal and arguments == [1]:

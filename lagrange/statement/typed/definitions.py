@@ -49,7 +49,7 @@ class Definition:
 
         A definition has one unknown name, which other clauses contain. A name that is not alone on a side is defined
         only if another clause states its derivative or that it is constant, or if it is a force in another clause.
-        `uses` are those of the unknown names.
+        `uses` are the occurrences of unknown names in the answer.
         """
         sides = clause.sides()
         stated = is_constant(sides[-1])

@@ -124,7 +124,7 @@ def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[T
 
 
 class _Parser:
-    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` behind it."""
+    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` after it."""
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken

@@ -75,7 +75,7 @@ def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[To
 
 
 def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
-    """Return the rows of one equation. Raises TypedFault if its columns differ in length."""
+    """Return the rows of a vector equation as equations. Raises TypedFault if its columns differ in length."""
     parts: list[Token | list[list[Token]]] = []
     place = size = 0
     while place < len(tokens):

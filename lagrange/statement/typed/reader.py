@@ -162,8 +162,8 @@ class TypedReader:
         A line such as r = sqrt(x^2 + y^2) defines a symbol for the other lines. Remarks and values of parameters are
         left out.
 
-        `what` begins the message, such as "equation 2". A fault is located by its column, and by its line if there are
-        several.
+        `what` begins the message, such as "equation 2". A fault is located by its column, and by its line if the text
+        has several lines.
         """
         text = text.translate(_LETTERS)
         reader, clauses = self._clauses(text, what)

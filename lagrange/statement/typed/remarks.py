@@ -111,12 +111,12 @@ class Clause:
 
     @property
     def shown(self) -> str:
-        """Text of the part."""
+        """Text of the clause."""
         return self.text[self.begin : self.end]
 
     @cached_property
     def words(self) -> tuple[Word, ...]:
-        """The words of the part."""
+        """The words of the clause, with their kinds."""
         return tuple(self._word(token) for token in self.tokens if token.kind == "word")
 
     def _word(self, token: Token) -> Word:

@@ -92,7 +92,7 @@ class Token:
 
 
 def bracketed(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens of a formula in brackets."""
+    """Return the tokens of a formula with brackets around them."""
     (begin, _), (last, end) = ((token.begin, token.end) for token in (tokens[0], tokens[-1]))
     return [Token("sign", "(", begin, begin), *tokens, Token("sign", ")", last, end)]
 

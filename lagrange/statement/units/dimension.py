@@ -139,11 +139,14 @@ class Dimension:
         return Dimension.of({name: exponent * power for name, exponent in self.exponents}, factor)
 
     def like(self, other: Dimension) -> bool:
-        """Return True if both are the same dimension, in any units."""
+        """Return True if this dimension and `other` are equal, whatever their units."""
         return self.exponents == other.exponents
 
     def fits(self, other: Dimension) -> bool:
-        """Return True if both may be added: equal dimensions, and equal unit factors if both factors are known."""
+        """Return True if quantities of this dimension and of `other` may be added.
+
+        Dimensions must be equal, and the factors of their units must be equal too if both are known.
+        """
         if not self.like(other):
             return False
         if self.factor is None or other.factor is None:

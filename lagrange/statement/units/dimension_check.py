@@ -251,7 +251,7 @@ class _Checker(UnitEquations):
         return self.dimension(expression)
 
     def _powered(self, base: Any, exponent: Any, wanted: Dimension | None) -> None:
-        """Check a power. Its base has a required dimension only if it is a sum of terms with different dimensions."""
+        """Check a power. A base that is a sum of different dimensions must have the dimension that `wanted` implies."""
         power = number_of(exponent)
         if power is None:
             self.check(exponent, DIMENSIONLESS)
