@@ -443,7 +443,7 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
     """Return the statement without ignored coordinates; `routh` is that of the statement or of its `reading`.
 
-    `values` are the values of the momenta at the initial state, by name.
+    `values` maps the symbols of the momenta to their values at the initial state, None if unknown.
     """
     form, indices = routh.form, routh.places
     gone = [form.statement.coordinates[i] for i in indices]

@@ -26,9 +26,9 @@ NESTED = 5
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     """Return the tokens of a formula with derivatives in one form.
 
-    Dots before a word become its `order`, primes and LaTeX dots its `primes`. Any other derivative becomes a token of
-    kind "rate", followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x,
-    the kind is "operator". A subscript after a prime moves to its word.
+    LaTeX dots and primes of a word are added to its `primes`. Any other derivative becomes a token of kind "rate",
+    followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x, the kind is
+    "operator". A subscript after a prime moves to its word.
     """
     return _leibniz(_marked(_divided(tokens), NESTED), NESTED)
 
@@ -103,7 +103,7 @@ def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
 def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, list[Token], int]:
     """Return a word joined with primes and subscripts from index `i` on, the tokens of its power, and the next index.
 
-    The power is not empty only if a subscript follows it, as in x^2_1.
+    A power is read only if a subscript follows it, as in x^2_1.
     """
     power: list[Token] = []
     while i < len(tokens):
