@@ -432,7 +432,7 @@ class TracedVector:
 
 
 class Recorder:
-    """Records the calls of the law and the solves of a step function, which gets its methods as arguments."""
+    """Records the calls of the law and the solves of a step function. Its methods are arguments of that function."""
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph

@@ -142,7 +142,7 @@ class AlongRun:
 
     @inline
     def follow(self, reduced: Reduced, step: SampledStep, numbers: In, points: In) -> None:
-        """Sample the expressions on a step, which counts only when it is accepted."""
+        """Sample the expressions at the `points` of a step. The step counts only when it is accepted."""
         follow_step(step, numbers, points, reduced, sampled=self.sampled, path=self.path, dimension=self.dimension)
 
     @inline
@@ -208,7 +208,7 @@ def follow_step(
 
 @inline
 def integral(samples: In, weights: In) -> float:
-    """Return the integral of values at the points, divided by the length of the step."""
+    """Return the mean over a step: the sum of the values `samples` at the points, multiplied by the `weights`."""
     total = samples[0] * weights[0]
     for j in unrolled(SAMPLE_POINTS - 1):
         total = fma(samples[j + 1], weights[j + 1], total)
@@ -239,7 +239,8 @@ def value_on_step(
 ) -> float:
     """Return the value of an expression at a fraction of a step.
 
-    The other arguments are the fields of `ExpressionOnStep`, `place` the index of the expression.
+    The step begins at t and has the length h, `ratio` in the unit of its polynomial, which has `coefficients` and a
+    `degree`. `place` is the index of the expression among the `sampled` ones. The type of the procedure is `VALUE`.
     """
     state, there = reals(dimension), reals(sampled.size)
     generated(path, fraction, ratio, coefficients, state, degree)

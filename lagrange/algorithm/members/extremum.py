@@ -70,7 +70,7 @@ def largest_between(
     high_value: float,
     best: float,
 ) -> float:
-    """Return the largest value of `sign` times an expression between two fractions of a step, or `best` if larger.
+    """Return the largest value of `sign` times an expression between the fractions `low` and `high`, at least `best`.
 
     `low_value`, `middle_value` and `high_value` are values of the expression; `sign` times it is largest at `middle`.
     The next point is the vertex of the parabola through the three best points, or that of the golden section.

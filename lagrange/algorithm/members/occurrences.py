@@ -75,7 +75,7 @@ class FirstOccurrences:
 
     @inline
     def begin(self, seen: WholesOut) -> None:
-        """Reset the counts at the start of a member."""
+        """Reset the counts `seen` of occurrences at the start of a member's run."""
         for place in unrolled(self.kept):
             seen[place] = 0
 

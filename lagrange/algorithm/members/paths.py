@@ -66,9 +66,10 @@ def states_on_step(
     degree: int,
     done: int,
 ) -> int:
-    """Write the states at the output times on a step from t to `end`, and return how many times are done.
+    """Write the states at the output times on a step from t to `end`, and return the number of times that are done.
 
-    A time at the end belongs to the next step.
+    `path` writes the state at a fraction of the step; `sign` is the direction of the run. A time at the end belongs to
+    the next step.
     """
     h, place = end - t, done
     while outstanding(times, place, end, sign):

@@ -84,7 +84,7 @@ class StepSamples(Samples):
 
     @inline
     def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
-        """Store the end time of the step; its other data are in the block already."""
+        """Store the end time of the step; its other data are in the block already. Others are unused."""
         lines.t_end[0] = self.end
 
 
@@ -92,7 +92,10 @@ class StepSamples(Samples):
 def review_step(
     watch: ReviewedEvents, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: MemberFunctions
 ) -> int:
-    """Find the zeros of events on a step up to the time `end`, and return the reason for the end of the search."""
+    """Find the zeros of events on a step up to the time `end`, and return the reason for the end of the search.
+
+    `own` is the step, `table` has the coefficients of the method, and `factors` perturb a state.
+    """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
     work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)

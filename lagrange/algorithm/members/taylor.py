@@ -111,7 +111,10 @@ class TaylorMembers(MemberMethod):
     def ended_by_event(
         self, search: EventSearch, job: MemberJob, member: Member, index: int, outcome: int, last: bool
     ) -> int:
-        """Copy the events of proven steps, and return the outcome: ENDED_BY_EVENT if an event ends the run."""
+        """Copy the events of proven steps to the results, and return `outcome`, or ENDED_BY_EVENT if an event ends it.
+
+        `last` is true if the budget allows no more steps.
+        """
         own = member.own
         search.take(own.search, job, index)
         is_ended = search.is_ended(own.search, outcome, own.held.unproven, last)

@@ -91,7 +91,11 @@ def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive
 
 @inline
 def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool) -> None:
-    """Request a new matrix for the next step if this one is outdated. Reduce the noise estimate slowly."""
+    """Request a new matrix for the next step if the present one is outdated. Reduce the noise estimate slowly.
+
+    With error control (`adaptive`) a matrix is outdated if the contraction `rate` of the corrections is large. For
+    equal steps it is outdated by its age, sooner if the step took many corrections (`iteration`).
+    """
     newton.age += 1
     if adaptive:
         outdated = iteration > 0 and rate > FRESH_RATE

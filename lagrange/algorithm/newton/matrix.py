@@ -107,7 +107,10 @@ def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: S
 
 @inline
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
-    """Write the derivative of the law by rows, at a call or at the start of the step. Return True if it is singular."""
+    """Write the derivative of the law by rows. Return True if a matrix is singular.
+
+    It is evaluated at the arguments of the call `point` or, if that is None, at the start of the step.
+    """
     given, layout = vectors.given, vectors.layout
     if point is None:
         time, arguments = t, given.work[layout.argument :]

@@ -74,7 +74,7 @@ def inverts(packing: Packing) -> bool:
 def inversion_size(packing: Packing, *, looped: bool) -> int:
     """Return the sum of n**3 over the n-by-n matrices that are inverted at each step.
 
-    In loops sparse matrices are factored instead, and do not count.
+    If `looped`, sparse matrices are factored instead, and do not count.
     """
     plans = [stage.plan for stage in packing.stages if stage.plan.inverted]
     return sum(plan.size**3 for plan in plans if not (looped and is_factored(plan)))

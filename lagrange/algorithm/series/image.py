@@ -112,7 +112,7 @@ def read(packing: Packing) -> Iterator[Operand]:
 
 
 def arguments(chunk: Chunk) -> tuple[Operand, ...]:
-    """Return the arguments that a rule reads at its own order, or at order 0."""
+    """Return the arguments that the rule of a chunk reads at its own order, or at order 0."""
     return () if chunk.op == "integral" else chunk.args
 
 
@@ -136,7 +136,7 @@ class Orders(Protocol):
         """Return the array that contains the present order's value with index `place`."""
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that constants of the table equal, if it is known at compile time; else None."""
+        """Return the number that all constants with the indices `places` equal, if known at compile time; else None."""
 
     def share(self, x: Term) -> Term:
         """Return scale * x / k, where k is the order, and `scale` the unit of time."""

@@ -149,7 +149,7 @@ class TaylorProcedures:
 
 @procedure(parameters=lambda first: first.parameters[0].type, p=lambda second: second.parameters[0].type)
 def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
-    """Prepare the numbers of two sets of functions, and return whether a matrix is singular."""
+    """Run two procedures that prepare numbers, `first` and `second`; return whether a matrix is singular."""
     is_first_singular: bool = generated(first, parameters, p)
     is_second_singular: bool = generated(second, p)
     return is_first_singular or is_second_singular

@@ -162,7 +162,7 @@ class LoopedJet(LoopJet):
         return self.arrays["row" if place < self.image.width else "now"]
 
     def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that constants of the table equal, if it is known at compile time; else None."""
+        """Return the number that all constants with the indices `places` equal, if known at compile time; else None."""
         known = dict.fromkeys(self.program.numbers[place] for place in places)
         return next(iter(known)) if len(known) == 1 else None
 

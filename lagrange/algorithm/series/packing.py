@@ -75,7 +75,7 @@ class Alignment:
         return True
 
     def parts(self, members: Members) -> list[list[int]]:
-        """Return the parts of a group, as lists of values."""
+        """Return the parts of the group `members`, as lists of values."""
         found: dict[tuple[int, ...], list[int]] = {}
         for i in members:
             found.setdefault(self.part.get(i, ()), []).append(i)
@@ -291,7 +291,7 @@ class _Group(NamedTuple):
 
 
 def widths(count: int, lanes: int) -> list[int]:
-    """Return the widths of the vectors that hold `count` values."""
+    """Return the widths of the vectors of up to `lanes` lanes that hold `count` values."""
     found = [lanes] * (count // lanes)
     rest = count % lanes
     if rest:
@@ -309,7 +309,7 @@ class _Packer:
         self.alignment: Alignment | None = None
 
     def align(self, groups: Sequence[list[int]]) -> None:
-        """Make values adjacent that are read together, by `Alignment`."""
+        """Prepare to make values of `groups` adjacent that are read together, by an `Alignment`."""
         self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
@@ -320,7 +320,7 @@ class _Packer:
         return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
-        """Return the chunks into which the values of one group are divided."""
+        """Return the chunks into which the group `members` of values with the operation `op` is divided."""
         if self.alignment is not None:
             return [self.whole(op, self.alignment.parts(members))] if members else []
         rules = {i: self.canonical(self.program.rules[i]) for i in members}

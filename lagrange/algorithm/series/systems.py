@@ -255,7 +255,7 @@ class FactoredSystem:
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:
-    """Return True if the inverses of all blocks are written out."""
+    """Return True if the inverses of all blocks are written out, because none is larger than `largest`."""
     return max(map(len, plan.blocks)) <= largest and plan.size <= 2 * largest
 
 

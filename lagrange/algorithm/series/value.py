@@ -94,7 +94,10 @@ class ChunkAt:
 
 
 def solved(series: OperandSource, place: int, packed: PackedStage, guesses: Sequence[Term]) -> list[Term]:
-    """Return the unknowns of a stage by chunk, corrected from guesses: M0^-1 (f[k-1] scale / k - p^[k])."""
+    """Return the unknowns of stage number `place` by chunk: guesses plus M0^-1 (f[k-1] * scale / k - p^[k]).
+
+    p^[k] is the coefficient of the momenta that was computed with the guesses as unknowns.
+    """
     right = []
     for force, momentum in zip(packed.right, packed.left, strict=True):
         rate = None if force is None else series.share(series.before(force))

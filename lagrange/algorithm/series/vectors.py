@@ -28,7 +28,7 @@ def width(x: Real | Entries) -> int:
 
 
 def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
-    """Return a vector of entries, each given as (value, index in the value); a value None is zero."""
+    """Return a vector of the entries `parts_of`, each a pair (value, index in the value); a value None is zero."""
     if all(x is None for x, _ in parts_of):
         return None
     given = [(p.real(0.0), 0) if x is None else (x, place) for x, place in parts_of]
@@ -70,7 +70,7 @@ def entries(memory: Memory, place: int, size: int) -> Term:
 
 
 def put(p: Builder, memory: Memory, place: int, x: Term, size: int, count: int) -> None:
-    """Write the first `count` entries of a value of `size` entries, and nothing else."""
+    """Write the first `count` entries of a value of `size` entries to index `place` on, and nothing after them."""
     whole: Term = wide(p, x, size)
     lane, part = 0, LARGEST_STORED_BLOCK
     while lane < count:
@@ -174,7 +174,7 @@ class OrderSums:
             put(p, self.totals, self.size + one.place, following.value, one.lanes, one.lanes)
 
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
-        """Yield the sums of a tile. At an even order the products with the previous order are added.
+        """Yield the sums of a tile at order k, from `totals`. At an even order, products with order k - 1 are added.
 
         The loops run once or not at all: with branches in their place the outer solar system takes 1.08 times as long.
         """

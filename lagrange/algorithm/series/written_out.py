@@ -161,7 +161,7 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.scaled(high, width(x)), small)
 
     def scaled(self, factor: float, lanes: int) -> Term:
-        """Return the scale times a number, in every entry. The scale is a power of two, so that this is exact."""
+        """Return the scale times `factor`, in each of the lanes. It is exact, because the scale is a power of two."""
         if (factor, lanes) not in self.shares:
             single = self.scale if factor == 1.0 else self.scale * factor
             if lanes > 1:

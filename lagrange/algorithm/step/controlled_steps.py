@@ -99,7 +99,10 @@ def controlled_steps(
 
 @inline
 def begin(given: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
-    """Choose the length of the first step. Return False if the sizes of the entries must be estimated first."""
+    """Choose the length of the first step. Return False if the sizes of the entries must be estimated first.
+
+    `distance` is the time to the end of the run without sign, and `direction` its sign.
+    """
     size = first_step(given, distance, direction, layout=layout, control=control)
     if LAWS[layout.step.law].results == 1:
         given.counts.evaluations += 3

@@ -65,7 +65,7 @@ def discard_history(given: Running, layout: Layout) -> None:
 
 @inline
 def clear(newton: Newton) -> None:
-    """Set all data that a solve keeps from step to step to zero."""
+    """Set the record of a solve, which is kept from step to step, to zero."""
     newton.matrix_step = 0.0
     newton.differentiated = 0
     newton.rate = 0.0

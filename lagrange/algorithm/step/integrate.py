@@ -48,8 +48,8 @@ def state_array(layout: Layout) -> Array:
 def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
     """Replace y by the state after a step of length h from t, and return an outcome.
 
-    It is replaced only if the new state is finite, and if the old and the new one are on the constraints after
-    projection.
+    The state is replaced only if the new state is finite, and if the old and the new one are on the constraints after
+    projection. With `relations` some velocities follow from the constraints.
     """
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):

@@ -170,7 +170,7 @@ class SolveLayout:
         self.end = self.pivots + 3 * row_stride(max(self.unknowns, layout.dimension))
 
     def damper(self, damp: Damp) -> int:
-        """Return the offset of the matrix of a damped vector."""
+        """Return the offset of the matrix of the damping action `damp`."""
         return self.dampers + self.damped.index(damp) * self.length * self.width
 
 

@@ -78,7 +78,7 @@ def plus(total: float | None, factor: float | None, value: float) -> float:
 
 @inline
 def copy_vector(source: In, target: Out, width: int) -> None:
-    """Copy a vector of the work array in whole blocks."""
+    """Copy the first `width` entries of a vector from `source` to `target`, in whole blocks."""
     for i in each(width, spill=True, disjoint=True):
         target[i] = source[i]
 
@@ -119,7 +119,7 @@ class StepVectors:
 
     @inline
     def combine(self, combination: Combination, target: Out, *, sizes: bool = False) -> None:
-        """Write a combination, or with `sizes` the sum of the magnitudes of its terms."""
+        """Write the vector of a combination to `target`, or with `sizes` the sum of the magnitudes of its terms."""
         terms = self.terms(combination, sizes=sizes)
         for i in each(self.layout.width, spill=True, disjoint=True):
             target[i] = terms.entry(i)
@@ -202,7 +202,7 @@ class StepVectors:
 
     @inline
     def store(self, values: Sequence[float], target: Out) -> None:
-        """Write entries as a vector, padded with zeros."""
+        """Write the entries `values` to the vector `target`, padded with zeros."""
         padded = reals(self.layout.width, room=self.layout.block)
         for i in unrolled(self.layout.width):
             padded[i] = values[i] if i < len(values) else 0.0
