@@ -1,9 +1,9 @@
 """The series of a watched function on a Taylor step: its rounding noise, the range in which it is accurate, its sign.
 
-Three tests use the series. First, the coefficients may show that the function keeps its sign; then it is excluded. Second, the
-sums of its terms usually decide that it has one zero, or none. Third, the sign at the end of a step must agree with the
-series. A function that saturates, such as erf(x), looks constant where it is flat, and its series does not show a slope
-further ahead. The next series begins with the exact value, which reveals the error.
+Three tests use the series. First, the coefficients may show that the function keeps its sign; then it is excluded.
+Second, the sums of its terms usually decide that it has one zero, or none. Third, the sign at the end of a step must
+agree with the series. A function that saturates, such as erf(x), looks constant where it is flat, and its series does
+not show a slope further ahead. The next series begins with the exact value, which reveals the error.
 """
 
 from __future__ import annotations
