@@ -163,7 +163,7 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return the quotient of two such polynomials as a sum. The shifts of their exponents cancel."""
+        """Return a quotient of two polynomials of this class as a sum. The shifts of their exponents cancel."""
         return {
             tuple(
                 (k, _whole(Rational(e, self.roots[k]))) for k, e in zip(self.factors, exponents, strict=True) if e != 0

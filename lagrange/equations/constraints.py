@@ -87,9 +87,9 @@ def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -
 
 
 def empty_constraint(name: str, value: float, size: float) -> str:
-    """Return the message for a constraint that no coordinate and no velocity changes.
+    """Return the error message for a constraint that depends on no coordinate and no velocity.
 
-    `value` is its value at some state, `size` the size of its terms there.
+    `value` is the value of the constraint at some state, and `size` is the size of its terms there.
     """
     if abs(value) <= TERM_ROUND_OFF * size:
         return (

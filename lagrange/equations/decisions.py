@@ -249,8 +249,8 @@ class Decisions:
     def homogeneous(self) -> Verdict:
         """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V; None if undecided.
 
-        Terms of first degree, such as those of a charge in a field, are ignored: v.p - L is then V plus the terms of T
-        of second degree. For a Lagrangian stated alone: False if it has the terms of a rotating frame, else None.
+        Terms of first degree, as for a charge in a field, are ignored: v.p - L is then V plus the terms of T of second
+        degree. For a Lagrangian stated alone: False if it has the terms of a rotating frame, else None.
         """
         if visibly_homogeneous(self.statement):
             return True
@@ -343,7 +343,7 @@ class Decisions:
             yield {node: CONTEXT.mpf(value) for node, value in point.items()}
 
     def _time_slope(self, point: Values) -> bool | None:
-        """Return True if dL/dt is not zero at a point; None if it has no value there."""
+        """Return True if dL/dt is not zero at a point; None if dL/dt has no value at the point."""
         rate = self._rate(self.laws.lagrangian, point)
         return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
 
@@ -359,7 +359,7 @@ class Decisions:
         return (ahead[0][0] - behind[0][0]) / (2 * step), ahead[1]
 
     def _power(self, point: Values) -> bool | None:
-        """Return True if the power differs from zero at a point; None if it has no value there."""
+        """Return True if the power is not zero at a point; None if the power has no value at the point."""
         laws = self.laws
         forces, slope = values(laws.extra, point, CONTEXT), self._rate(laws.lagrangian, point)
         if forces is None or slope is None:

@@ -221,7 +221,10 @@ class Derivation:
 
     @cached_property
     def equations(self) -> tuple[Any, ...]:
-        """One Eq for each coordinate. Its right side has the generalized forces as stated and the constraint forces."""
+        """One SymPy Eq for each coordinate.
+
+        The right side has the generalized forces as stated and the constraint forces.
+        """
         lefts = self._short(
             "the equations of motion", lambda page: page.accelerated(page.remainders), self._stated_sides
         ).values()
@@ -280,10 +283,10 @@ class Derivation:
         )
 
     def _divided(self, place: int, solved: Any) -> Any:
-        """Return an acceleration as its shown equation, divided by its mass term by term: g - k*(s - d)/m.
+        """Return an acceleration as the shown equation divided by the mass term by term: g - k*(s - d)/m.
 
-        `place` is the index of the coordinate. Return `solved` instead if the equation has other accelerations or
-        multipliers, or if L is long.
+        `place` is the index of the coordinate. Return `solved`, the given formula, if the equation has other
+        accelerations or multipliers, or if L is long.
         """
         q, row = self.statement.coordinates[place], self.mass_matrix.row(place)
         mass = row[place]

@@ -133,10 +133,11 @@ RELATION = "equation of "
 def first_order_coordinates(
     mass: Sequence[Sequence[Node]], bias: Sequence[Node], v: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[int, ...]:
-    """Return the indices of coordinates without inertia and constraints whose equations determine velocities.
+    """Return the indices of the coordinates of first order: without inertia, with an equation for velocities.
 
-    `bias` is h of M a = h. The equations of such coordinates are the relations 0 = h. If the relation of a coordinate
-    determines no velocity, the coordinate is left out; `check_inertia` raises an error for it.
+    Coordinates in constraints are not among them. `bias` is h of M a = h. The equations of such coordinates are the
+    relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left out; `check_inertia`
+    raises an error for it.
     """
     graph = v[0].graph
     chosen = [
@@ -265,11 +266,11 @@ def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
 class Equations:
     """All equations of one system, as nodes of one graph.
 
-    - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy symbols to nodes. -
-    `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows. - `stated` are
-    the constraints of the statement, `multipliers` their multipliers. - `constraints` are the constraints that are
-    solved, `impulses` their multipliers. Redundant constraints are left out.
-      The relations of coordinates without inertia, whose indices are `first_order`, are added.
+    - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy symbols to nodes.
+    - `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows.
+    - `stated` are the constraints of the statement, `multipliers` their multipliers.
+    - `constraints` are the constraints that are solved, `impulses` their multipliers. Redundant constraints are left
+      out. The relations of coordinates without inertia, whose indices are `first_order`, are added.
     - `motion` is the form that is solved. If M is singular, `motion` has other momenta, and so another M.
     - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves linear systems with it. The
       unknowns are the accelerations, followed by `impulses` with the opposite sign.
@@ -493,7 +494,7 @@ def solve_motion(
 ) -> tuple[list[Node], list[Node]]:
     """Return a and lambda, the solution of M a = h + G^T lambda and G a + gamma = 0.
 
-    `matrix` is that of the whole linear system, and `bias` is h.
+    `matrix` is the matrix of the whole linear system, and `bias` is h.
     """
     unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)

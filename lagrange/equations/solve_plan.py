@@ -257,7 +257,7 @@ class SolvePlan:
 
     @property
     def inverted(self) -> bool:
-        """True if the matrix changes along the motion and must be factored or inverted: it is not diagonal."""
+        """True if the matrix has to be factored or inverted along the motion: it changes and is not diagonal."""
         return self.moving and not self.diagonal
 
     @cached_property

@@ -21,9 +21,9 @@ from lagrange.statement.statement import Statement
 class Structure:
     """Properties of the equations. Coordinates are given by index.
 
-    - `blocks`: groups of coordinates that the mass matrix couples. - `constant_mass`, `forced` (forces or dissipation
-    act), `position_only` (accelerations do not depend on velocities):
-      read off the expressions.
+    - `blocks`: groups of coordinates that the mass matrix couples.
+    - `constant_mass`, `forced` (forces or dissipation act), `position_only` (accelerations do not depend on
+      velocities): read off the expressions.
     - `free`: coordinates without force, dissipation and constraint.
     - `brief`: time is in a function other than a polynomial, a sine or a cosine, so a force may act for a moment only.
     - `constraints`: names of the constraints; `nonlinear`: names of constraints that are not linear in the velocities.

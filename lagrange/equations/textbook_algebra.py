@@ -206,7 +206,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def slope_operations(self) -> int:
-        """Estimated number of operations in dL/dq: each term of L counts once for each coordinate in it."""
+        """Estimated number of operations in dL/dq: each term of L is counted once for each coordinate in the term."""
         algebra, coordinates = self.algebra, frozenset(self.q)
 
         def count(monomial: Monomial) -> int:
@@ -476,7 +476,7 @@ def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> Mon
 
 
 def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with sines and cosines of sums and multiples expanded to those of the smallest parts."""
+    """Return the sum with each sine and cosine written in sines and cosines of the smallest parts of its angle."""
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])

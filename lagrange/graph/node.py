@@ -52,7 +52,7 @@ class Binding(enum.IntEnum):
 
 
 class Kind(enum.Enum):
-    """Kinds of nodes; the comment after each says what `data` of such a node contains."""
+    """Kinds of nodes. The comment after each kind says what `data` of a node of this kind contains."""
 
     CONSTANT = "constant"  # the exact value
     SYMBOL = "symbol"  # its name
@@ -226,9 +226,9 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum of coefficient * node, with the factors that all terms share taken out.
+        """Return the sum of coefficient * node as a product, with the common factors of all terms taken out.
 
-        If there are none, a coefficient that all terms share up to sign is taken out.
+        Without common factors, a coefficient that all terms have in common up to sign is taken out.
         """
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1

@@ -40,7 +40,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return the node and the sums nested in it by `splits`, except those in `built`, shortest first."""
+    """Return the node and the sums that `splits` nests in it, without nodes already `built`, shortest first."""
     chain: list[Node] = []
     while node not in built:
         chain.append(node)

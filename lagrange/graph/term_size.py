@@ -1,8 +1,8 @@
 """Sizes of the terms of an expression: the scale for deciding whether its value is zero.
 
-The size of a sum is the sum of the sizes of its terms, that of a product the product of those of its factors. Bounded
-functions, and functions whose value is an angle or a logarithm, have a size of at least 1, the unit of their argument
-or value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at every angle.
+The size of a sum is the sum of the sizes of its terms. The size of a product is the product of the sizes of its
+factors. Bounded functions, and functions whose value is an angle or a logarithm, have a size of at least 1, the unit of
+their argument or value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at every angle.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class MissingTargetError(StatementError):
 
 
 class SingularMassMatrix(RunError):
-    """The mass matrix has no inverse at a state. `column` is the index of the state in a batch, None for one state."""
+    """The mass matrix has no inverse at a state. `column` is the state's index in a batch, None for a single state."""
 
     def __init__(self, column: int | None = None) -> None:
         super().__init__("the mass matrix is singular")
@@ -199,10 +199,10 @@ class Series(Protocol):
 
     @property
     def values(self) -> Kernel:
-        """The kernel of the event functions and switching surfaces. Its parameters are those of the series."""
+        """The kernel of the event functions and switching surfaces. It takes the same parameters as the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,). Row k has those of order k, times scale**k.
+        """Return the scaled Taylor coefficients at a state (2n,). Row k has the coefficients of order k times scale**k.
 
         The result has shape (order + 1, 2n + watched), with the event functions and switching surfaces last. Raises
         SingularMassMatrix.

@@ -117,7 +117,7 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides of surfaces, and return the index at which the prepared numbers for these sides begin.
+        """Set the sides of surfaces, and return the index at which the numbers prepared for these sides begin.
 
         The array of numbers has `size` entries for each combination of sides.
         """

@@ -70,17 +70,20 @@ class DriverState:
 
     The tolerance of an entry of the state is RTOL times its size in the step, plus its floor. The floors (2n,), padded
     to whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of the
-    entry. Stated floors have a SHARE of 0 and stay; floors that follow the scale begin at `LEAST_FLOOR`.
+    entry. Floors stated by the user have a SHARE of 0 and are constant. Floors that follow the scale begin at
+    `LEAST_FLOOR`.
 
-    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the law, and ROWS written, none unless RECORD is 1.
-    AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the first slope of the
-    next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to extrapolate, do not belong to
-    this run. SURVEYED counts how often the run returned as UNSCALED.
+    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the right-hand side, and ROWS written, none unless RECORD
+    is 1. AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the first slope
+    of the next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to extrapolate, do not
+    belong to this run. SURVEYED counts how often the run returned as UNSCALED.
 
-    `taylor` is the record of a run by Taylor series; see `TAYLOR`. Such a run writes `outputs` while it advances.
+    `taylor` is the record of a run by Taylor series, of the type `TAYLOR`. Such a run writes `outputs` while it
+    advances.
 
-    `floats` and `integers` are views of the same entries; setting one entry there takes a fifth of the time. `fault` is
-    the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a driver keeps of a run.
+    `floats` and `integers` are memory views of `reals` and `counts`, through which one entry is set five times faster.
+    `fault` is the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a driver
+    keeps of a run.
     """
 
     T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = RUN.places.values()

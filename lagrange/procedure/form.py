@@ -52,7 +52,7 @@ class Record:
 
     @classmethod
     def of(cls, name: str, **fields: Kind) -> Record:
-        """Return a record with fields of reals and wholes."""
+        """Return a record with these fields, each a real or a whole."""
         return cls(name, tuple(fields.items()))
 
     @cached_property
@@ -105,7 +105,7 @@ READ = Array(read=True)
 
 @dataclass(frozen=True)
 class Callee:
-    """The type of a parameter that is a function: kinds of its arguments and results.
+    """The type of a parameter that is a function: the kinds of its parameters and of its results.
 
     In Python such a function returns None, a value or a tuple of values. In machine code a flag is C's int, and several
     results are returned in registers.
@@ -367,13 +367,13 @@ class Fold(NamedTuple):
 
 
 class Each(NamedTuple):
-    """A loop over indices from 0 to `iterations`, in any order or at once.
+    """A loop over indices from 0 to below `iterations`, in any order or at the same time.
 
     Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have local
     variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may compute
-    up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. Entries of an array beyond
-    `iterations` are unchanged, except with `spill` or beyond the size of the array. With `unrolled` all iterations are
-    written out.
+    up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. Entries of an array from
+    `iterations` on are unchanged, except with `spill` or beyond the size of the array. With `unrolled` no loop is
+    printed: all iterations follow one another.
     """
 
     place: int

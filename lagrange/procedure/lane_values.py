@@ -56,7 +56,7 @@ class MemberMemory:
 
 
 class MemberVariable(NamedTuple):
-    """A variable of the new procedure, and the depth of branches at its declaration."""
+    """A variable of the new procedure. `level` is the number of enclosing masked branches at its declaration."""
 
     ref: int
     kind: Kind

@@ -59,8 +59,8 @@ Signature = tuple[Share, ...]
 def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
     """Return the `Share` of each argument of a call.
 
-    `own` has the ids of the values that differ between members, `apart` those of the arrays whose parts begin at
-    different indices.
+    `own` has the ids of values that differ between members, `apart` the ids of arrays whose parts begin at different
+    indices.
     """
     assert isinstance(call.callee, Procedure)
     return tuple(

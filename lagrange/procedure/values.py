@@ -195,7 +195,7 @@ class Entries:
 
     @property
     def sum(self) -> Any:
-        """Sum of the entries. The two halves of the vector are added until one value is left."""
+        """Sum of the entries. The two halves are added entry by entry, and so on, until one value is left."""
         return self.builder.made(self.vector.kind, lambda ref: Reduce(ref, self.vector.kind, "sum", self.ref))
 
     @property

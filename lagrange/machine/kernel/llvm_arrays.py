@@ -4,14 +4,14 @@ A call through ctypes takes some 0.5 us, and checking its arguments in Python as
 system takes a tenth of that. Here Python gets a built-in function in machine code, as extension modules define them: an
 entry of `PyMethodDef` with the flag METH_FASTCALL, passed to `PyCFunction_NewEx`. Both are part of Python's stable
 interface. The function reads the structures of NumPy's arrays (`PyArrayObject`: data, number of dimensions, dimensions,
-strides, base, type of the entries) and of floats. Their layout is tested before it is used.
+strides, base, type of the entries) and of Python's floats. The layout of these structures is tested first.
 
     whole(t, y)        y (size,)
     parts(t, q, v)     q (size / 2,), v (size / 2,)
 
-They return a new array. They return None if an argument has another type or shape (a float and plain arrays of doubles
-are expected), if the time or a result is not finite, or if the mass matrix is singular. The caller then evaluates the
-kernel itself, which reports the error. Python calls them with its lock held.
+The two functions return a new array. They return None if an argument has another type or shape (a float and plain
+arrays of doubles are expected), if the time or a result is not finite, or if the mass matrix is singular. The caller
+then evaluates the kernel in the usual way, which reports the error. Python calls the functions with its lock held.
 """
 
 from __future__ import annotations

@@ -1,19 +1,20 @@
-"""From a program to LLVM IR: `prepare` once per set of parameters, a scalar kernel, and a kernel over columns.
+"""From a program to LLVM IR: a procedure `prepare`, a kernel for one state, and a kernel for many states.
 
-Parameters are one array: the k stated values, then the saved results of the program's hoisted part.
+Parameters are one array: the k stated values, followed by all values that depend on them alone. `prepare` computes the
+latter once for each set of parameters.
 
-    i32 NAME_prepare(ptr parameters)                       fills in the saved results
+    i32 NAME_prepare(ptr parameters)                       writes the values after the parameters
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
     {double, ..., i32} NAME_registers(double t, double y0, ..., ptr parameters)
     i64 NAME_columns(i64 count, ptr t, ptr INPUT ..., ptr parameters, ptr out)
 
-Kernels of small models have the third function. A step passes a state from one call to the next. Through memory that
-costs some ten cycles each way, as long as the call itself, because a block of coordinates and velocities waits for the
-slowest of its entries. A right-hand side returns only the accelerations, `Program.returned`.
+Kernels of small models have the third function, for steps, which pass a state from one call to the next. A state passed
+through memory costs some ten cycles each way, as long as the call itself, because a block of coordinates and velocities
+waits for the slowest of its entries. A right-hand side returns only the accelerations, `Program.returned`.
 
-The last function takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], each input of the
-program as [size][count], out[size][count]. It returns -1, or the first column of the block of lanes that contains a
-singular matrix.
+The last function takes C-ordered arrays with one column for each of `count` states, a multiple of the lanes: t[count],
+each input of the program as [size][count], out[size][count]. It returns -1, or the first column of the block of lanes
+that contains a singular matrix.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ class StraightLines:
 
 
 def _straight(procedure: Procedure) -> Procedure:
-    """Return a procedure without branches in which variables are replaced by their values."""
+    """Return a copy of a procedure that has no branches, with its variables replaced by their values."""
     known: dict[int, int] = {}
     false: list[int] = []
     body: list[Statement] = []

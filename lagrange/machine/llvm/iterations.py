@@ -83,7 +83,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the ids of single values defined outside of the loop that the iterations use."""
+        """Return the ids of single values that the iterations use and that are defined outside of the loop."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}

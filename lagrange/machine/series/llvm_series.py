@@ -1,7 +1,7 @@
 """Series programs in machine code: the jet (function that computes the series), and the numbers that it reads.
 
-`c` is the inverse of a constant mass matrix by columns, or the diagonal of a diagonal one, then the constants as
-vectors, in the order in which the code reads them.
+The array `c` begins with the inverse of a constant mass matrix by columns, or with the diagonal if the matrix is
+diagonal. Constants follow as vectors, in the order in which the code reads them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Build a procedure from a rewritten function: each step of the function adds statements of the form.
 
-Values known when the procedure is built (numbers, options, layouts, tuples) remain Python values. A condition on them
-selects a branch, and a loop over them is written out. A name whose number a branch or a loop sets again becomes a
-variable, declared before it.
+Values known at build time (numbers, options, layouts, tuples) remain Python values. A condition on such values selects
+a branch, and a loop over them is unrolled. A name whose number is set again by a branch or loop becomes a variable,
+declared before the branch or loop.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Tracer(Names):
     def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
         """Return the loop of an `each` with `count` iterations.
 
-        `disjoint` and `options` are those of `vocabulary.each`.
+        `vocabulary.each` describes `disjoint` and the options.
         """
         if self.iterations is not None:
             raise Error("an `each` stands in another: use `range` inside.")

@@ -1,7 +1,7 @@
 """Rewritten functions of this package, stored beside the byte code of their modules.
 
-Parsing and rewriting a function takes 0.9 ms, and a method of integration has up to a hundred functions.
-A stored file counts only if its digest is that of its content, of the source file, of the front end, and of Python.
+Parsing and rewriting a function takes 0.9 ms, and an integration method has up to a hundred functions. A stored file is
+used only if its digest agrees with its content, the source file, the front end, and Python's version.
 """
 
 from __future__ import annotations

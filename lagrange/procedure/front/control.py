@@ -214,7 +214,7 @@ class EachBlock(Block):
     def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
         """Record an access to an array at index `place`. `stored` is true for a write.
 
-        Raises Error for a write at another index than that of the iteration.
+        Raises Error for a write at an index other than the index of the iteration.
         """
         assert self.index is not None
         own = place.ref == self.index.ref

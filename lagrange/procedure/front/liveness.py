@@ -85,7 +85,7 @@ LEAVES = ("ctx", "op", "ops", "annotation", "returns")
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes directly inside a node, except those of fields without names."""
+    """Yield the nodes directly inside a node. Fields that cannot contain names are left out."""
     for field in node._fields:
         if field not in LEAVES:
             value = getattr(node, field, None)

@@ -61,8 +61,8 @@ WholesOut = Annotated[Writable[int], Array(WHOLE)]
 def each(count: int, **options: Any) -> range:
     """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
 
-    The options `width`, `spill` and `unrolled` are those of `form.Each`. With `disjoint` the function promises that
-    different parts of one array, of which one is written, do not overlap. Python runs one iteration after the other.
+    `form.Each` describes the options `width`, `spill` and `unrolled`. With `disjoint` the function promises that parts
+    of an array do not overlap if one of them is written. Python runs one iteration after the other.
     """
     unknown = sorted(set(options) - {"width", "spill", "unrolled", "disjoint"})
     if unknown:
