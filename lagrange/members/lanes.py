@@ -82,12 +82,12 @@ class MemberEvents:
         return cls(nodes, tuple(reactions), sum(not impact.root for impact in impacts))
 
     def arrays(self, dimension: int) -> dict[str, Any]:
-        """Return the constant arrays of the loop over Taylor steps, by argument name."""
+        """Return the constant arrays of the loop over Taylor steps, by argument name; `dimension` is 2n."""
         memory = EventMemory(dimension, 0, self.reactions)
         return {"settings": memory.settings, "tilts": memory.tilts}
 
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
-        """Return the constant arrays of the search for events on steps of a step program, by argument name."""
+        """Return the constant arrays of the event search on steps, by argument name; `dimension` is 2n."""
         direction, terminal = np.array(
             [(reaction.direction, reaction.terminal) for reaction in self.reactions], dtype=np.int64
         ).T

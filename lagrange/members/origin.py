@@ -37,7 +37,7 @@ def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
 def start_name(label: str, names: Collection[str]) -> str:
     """Return the name under which the varied values of `label` are stored.
 
-    An entry of the state, one of `names`, gets the suffix `_start`, because its last values have the plain name.
+    An entry of the state, one of `names`, gets the suffix `_start`, because its later values have other names.
     """
     return f"{label}_start" if label in names else label
 

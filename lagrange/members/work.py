@@ -89,7 +89,7 @@ class ThreadRunner:
 
 
 class ExecutorRunner:
-    """Runs chunks by an executor of the user, which is not closed."""
+    """Runs chunks by an executor of the user. The executor stays open, because the user closes it."""
 
     chunk_seconds = SENT
 

@@ -240,7 +240,7 @@ _GAP = "Bodies that touch need a small gap between them, such as a millionth of 
 
 
 def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run with a note on contacts that act at the same time; UNRELIABLE if a body passed through one."""
+    """Return a run with a note on contacts that act at the same time; UNRELIABLE if a body passed through a contact."""
     contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
     if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
         return trajectory
@@ -321,7 +321,8 @@ NEIGHBOURS, OCTAVES = 8, 40
 def unresolved(problem: Problem, trajectory: Trajectory) -> str:
     """Return a sentence on a coordinate whose spacing of doubles is too coarse for the forces, else "".
 
-    A jump of the forces is not reported: only one pair of neighbours differs there, so the median difference is small.
+    The test uses the median difference of the forces between neighbouring doubles. At a jump of the forces only one
+    difference is large, so jumps are not reported.
     """
     if not trajectory.status.complete or not trajectory.y.size:
         return ""

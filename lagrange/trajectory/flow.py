@@ -102,7 +102,8 @@ class Flow:
 
         If t1 is a list of N times, sorted in the direction of the run, the result are the states (2n, N). `parameters`
         is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start that misses
-        the constraints by rounding is moved onto them. Beyond that StatementError names the constraint.
+        the constraints by rounding is moved onto them. If it misses a constraint by more, StatementError names this
+        constraint.
         """
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()

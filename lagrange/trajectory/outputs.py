@@ -105,7 +105,7 @@ class AcceptedStates:
     def make_room(self, limit: float) -> int:
         """Evaluate the outputs on new steps. Return the number of states for which memory is left.
 
-        `limit` is in bytes. If none is left, stored states are dropped if that is allowed.
+        `limit` is in bytes. If no memory is left, stored states are dropped if `outputs_alone`.
         """
         if self.followed is not None:
             self.follow()

@@ -183,9 +183,9 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
 
 
 def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
-    """Return True if a segment from `begin` ended at once by the event at its start, because of rounding.
+    """Return True if rounding made a segment end at once, by the event at which it began, at the time `begin`.
 
-    `met` are the events at its end.
+    `met` are the indices of the events at `end`, the end of the segment.
     """
     moved = any(problem.events[i].reset for i in met)
     return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)

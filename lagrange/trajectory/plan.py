@@ -328,7 +328,10 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
 
 
 def _is_key(option: Any) -> bool:
-    """Return True if an option is None or a positive float. Zero and minus zero would be the same key."""
+    """Return True if an option can be part of a dictionary key: None or a positive float.
+
+    Other values are not used, since 0.0 and -0.0 would be the same key.
+    """
     return option is None or (isinstance(option, float) and option > 0.0)
 
 

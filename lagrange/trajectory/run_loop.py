@@ -331,7 +331,7 @@ def _advance_to_end(
     began: float,
     per_call: int,
 ) -> tuple[Status, str]:
-    """Advance to the end, in calls of first `per_call` steps. Return the status and a detail for the message."""
+    """Advance until the run ends, and return its status and a detail; the first call takes `per_call` steps."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
     times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)

@@ -326,7 +326,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
     """Raise floors that are below rounding noise. Return True if one rose by more than a factor of two.
 
-    Otherwise the steps of a chain with one moving link decrease to resolve the noise of the other links.
+    Without this, the steps of a chain with one moving link would decrease to resolve the noise of the other links.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False

@@ -47,7 +47,7 @@ class Residuals:
 
     @property
     def largest(self) -> float:
-        """The largest value relative to its size; infinity if one is not finite."""
+        """The largest residual relative to its size; infinity if a residual is not finite."""
         with np.errstate(all="ignore"):
             shares = np.abs(self.values) / np.where(self.sizes > 0, self.sizes, 1.0)
         return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf

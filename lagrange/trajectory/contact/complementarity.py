@@ -71,7 +71,7 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A solution: `forces` and `rates` (rows,), the state of each contact, and the direction of sliding or None."""
+    """A solution: `forces` and `rates` (rows,), and for each contact its state, and its sliding direction or None."""
 
     forces: FloatArray
     rates: FloatArray
@@ -80,7 +80,7 @@ class Balance:
 
 
 def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> list[Balance]:
-    """Return the solutions of the complementarity problem; those that hold the surfaces come first.
+    """Return the solutions of the complementarity problem; solutions that hold the surfaces come first.
 
     `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried; if these are too many,
     pivoting finds one solution. Of solutions with the same rates, only the one with the least forces is returned.

@@ -83,7 +83,10 @@ class WrittenFriction:
 
 @dataclass(frozen=True)
 class PlainPath:
-    """Dense output of a system, from that of a model with one more coordinate, whose states have a `layout`."""
+    """Dense output of a system, computed from the dense output `path` of a model with one more coordinate.
+
+    `layout` is the layout of the model's states.
+    """
 
     path: Callable[[FloatArray], FloatArray]
     layout: StateLayout

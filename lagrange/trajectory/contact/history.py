@@ -69,7 +69,7 @@ class ContactHistory:
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
     """Return the history of contacts from the arrays of a file.
 
-    Raises StatementError if they do not belong together.
+    Raises StatementError if the arrays do not fit together, or do not fit the contacts.
     """
     modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
     impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))

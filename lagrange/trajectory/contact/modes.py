@@ -124,11 +124,11 @@ class Modes:
 
     @cached_property
     def written(self) -> WrittenImpacts | None:
-        """The impacts written out for the mode with only open contacts, or None if that is not possible."""
+        """The impacts as resets, for the mode with only open contacts; None if formulas for them are not available."""
         return written_impacts(self.model)
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
-        """Return the written friction of the only closed contact of a mode, or None if that is not possible."""
+        """Return the friction of the only closed contact of a mode as a model with events, or None if not possible."""
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.kept is not None:
             return None
@@ -140,10 +140,10 @@ class Modes:
     def prepared(
         self, mode: Mode, problem: Problem, written: WrittenImpacts | None, friction: WrittenFriction | None, most: int
     ) -> PreparedMode:
-        """Return the mode in which a problem continues, with the user's events before those of the mode.
+        """Return `mode` compiled, for a problem that continues in it. The user's events come before those of the mode.
 
-        Impacts that are `written` out are resets inside the loop over steps, up to `most` impacts of a contact. So are
-        changes between sliding and sticking if `friction` is written out.
+        Impacts that are `written` out are resets inside the loop over steps, up to `most` impacts of a contact. If
+        `friction` is given, changes between sliding and sticking are resets inside this loop, too.
         """
         plain = mode if friction is None else mode.going(friction.which, 0)
         key = replace(plain, bouncing=()), friction, problem.events, 0 if written is None else most
@@ -290,7 +290,10 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], t
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
-    """Return an event with zero for the normal forces of open contacts. If it is then constant, it never occurs."""
+    """Return an event with zero for the normal forces of open contacts, by `absent`, a dict from force to zero.
+
+    If the expression is then constant, the result is an event that never occurs.
+    """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:
         return event

@@ -66,7 +66,7 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def nowhere(name: str) -> EventResult:
-    """Return the end of a run whose reset results in a state that is not finite; `name` has the events."""
+    """Return the end of a run whose reset gives a state that is not finite; `name` is the text of its events."""
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "

@@ -48,8 +48,9 @@ class SeriesWatch(EventLog):
     """Watches the surfaces and the events along a run. Indices count surfaces first, then events.
 
     The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop
-    over steps: that of a former run by the driver with the same parameters, or None. `zero_sides` are the sides before
-    the next step. `starting` has the functions that are zero there, and `pending` the events at the present state.
+    over steps; the memory of a former run by the driver with the same parameters is used again, or None is given.
+    `zero_sides` are the sides of the functions before the next step. `starting` has the functions that are zero at the
+    start of this step, and `pending` the events at the present state.
     """
 
     def __init__(
@@ -425,7 +426,7 @@ class SeriesWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self) -> None:
-        """Write the sides for the loop. It is disabled while an event is pending."""
+        """Write the sides for the loop. The loop is disabled while an event is pending."""
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]

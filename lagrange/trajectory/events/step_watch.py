@@ -160,7 +160,7 @@ class EventDriver:
         """Return True if the loop has just been compiled.
 
         This is decided only in the first call and at the start of a motion. The number of steps in other calls depends
-        on measured times, and the digits of events must not depend on them.
+        on measured times, but the digits of events must not depend on measured times.
         """
         if self._compiled is None:
             self._compiled = self._watch.compiled(self._driver, float(t), steps)
@@ -304,7 +304,7 @@ class StepWatch(EventLog):
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: the run is set back to each change, and the driver reports it at once."""
+        """Return False: the driver reports each event at once, so no event waits where steps are impossible."""
         return False
 
     def continue_past(self, state: DriverState) -> None:
@@ -521,7 +521,7 @@ class StepWatch(EventLog):
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
-        """Record the zeros `found` on a step, except those with a direction that is not an event."""
+        """Record the zeros `found` on a step whose direction makes them events."""
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time

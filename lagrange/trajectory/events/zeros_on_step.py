@@ -135,8 +135,8 @@ class LocalPolynomial:
     """A polynomial on a part of a step, from `start` over `width`, in units of the step.
 
     `coefficients` are those of powers of the time since the start of the part, in units of its width; `noise` bounds
-    their error. They are empty on a part where the function has no value, or a pole. At a `jump` the part is a point,
-    before and after which the function has different signs.
+    their error. The array is empty on a part where the function has no value, or a pole. At a `jump` the part is a
+    point, before and after which the function has different signs.
     """
 
     start: float
@@ -183,10 +183,11 @@ def local_polynomials(
 def _polynomial(
     start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
 ) -> LocalPolynomial | None:
-    """Return a part if it is resolved, or if its sign is certain; then only the first coefficient is kept.
+    """Return the polynomial with coefficients `chebyshev` on a part of a step, or None if the part must be halved.
 
-    Returns None otherwise. Coefficients below rounding or `least` are omitted and counted as noise. So is the truncated
-    part: at a kink the coefficients decrease so slowly that it is several times the last one.
+    If the coefficients do not resolve the function, but its sign is certain, only the first coefficient is kept.
+    Coefficients below rounding or `least` are omitted and counted as noise. The truncated rest of the series is counted
+    as noise, too: at a kink the coefficients decrease so slowly that the rest is several times the last coefficient.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size

@@ -67,7 +67,7 @@ class Stepper(Protocol):
 
     @property
     def rejected(self) -> int:
-        """Number of rejected trials of the last step, if the package reports it."""
+        """Number of rejected trials of the last step; 0 if it is not known."""
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
         """Take one step from the accepted state (t, y). Return the fault if it fails, else None."""

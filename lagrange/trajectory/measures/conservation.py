@@ -1,4 +1,4 @@
-"""Energy test of a run: it is unreliable if it does not conserve an energy that the equations conserve."""
+"""Energy test of a run. A run is unreliable if it does not conserve an energy that the equations conserve."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
     """Return the kinetic energy at the mean speed from the start until a time.
 
-    Unlike the energy it does not depend on the zero of the potential. Unlike the kinetic energy of one state, it is not
-    zero at a turning point, and a close encounter does not dominate it.
+    Unlike the energy, this value does not depend on the zero of the potential. Unlike the kinetic energy of one state,
+    this value is not zero at a turning point, and a close encounter does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -128,7 +128,7 @@ def _kinetic_energy_at(problem: Problem, y: FloatArray) -> float:
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
-    """Return |v.p| / 2 of states (2n, K): the kinetic energy if that is quadratic in the velocities."""
+    """Return |v.p| / 2 of states (2n, K), which is the kinetic energy if it is quadratic in the velocities."""
     q, v = problem.model.layout.split(y)
     momenta = problem.model.momenta(q, v, problem.t0, problem.parameter_array)
     return np.asarray(np.abs(np.sum(v * momenta, axis=0)) / 2)

@@ -169,7 +169,11 @@ def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, leas
 def _found(
     method: str, polynomial: Polynomial, h: FloatArray, changes: FloatArray, jacobians: FloatArray
 ) -> Stiffness | None:
-    """Examine steps of length `h` one by one, and return the `Stiffness` of the run, or None."""
+    """Return the `Stiffness` of a run from k sampled steps with lengths `h` (k,), or None if it is not stiff.
+
+    `polynomial` is the method's stability polynomial. `changes` (k,) are the relative changes of the velocity over the
+    steps, and `jacobians` (k, 2n, 2n) the Jacobians at their starts.
+    """
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
         # In a run backwards a mode that grows in time decays.

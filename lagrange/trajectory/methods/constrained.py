@@ -3,7 +3,8 @@
 Coordinates and velocities satisfy the constraints at both ends of a step: the positions are moved to phi = 0, then the
 velocities to dphi/dt = 0, each up to rounding. Without constraints each method equals the method that it generalizes.
 The law is p, f, c, phi, psi = g(t, q, v, lambda): momenta, forces, constraint forces c = G^T lambda, and constraints
-phi and psi = dphi/dt. The mass matrix may be any, and forces may depend on time.
+phi and psi = dphi/dt. The mass matrix may be any, and forces may depend on time. In a step function
+solve(residuals, guess) returns the unknowns for which the function `residuals` is zero.
 Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VII.1.4; L. O. Jay, SIAM J.
 Numer. Anal. 33, 1996; S. Leyendecker, J. E. Marsden, M. Ortiz, ZAMM 88, 2008.
 """
@@ -37,7 +38,7 @@ class LobattoPair:
     conjugate: tuple[tuple[Abscissa, ...], ...]
 
     def __call__(self, g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return the coordinates and velocities after a step."""
+        """Return the coordinates and velocities at t + h."""
         b, count = self.b, len(self.b)
         none = q * 0
         before, *_ = g(t, q, v, none)
@@ -79,7 +80,7 @@ RATTLE, LOBATTO4 = map(_pair, (2, 3))
 
 
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) after a step with discrete action h L at the midpoint and mean velocity; phi = 0 at both ends."""
+    """Return (q, v) at t + h, with the discrete action h L at the midpoint and mean velocity; phi = 0 at both ends."""
     none = q * 0
     before, *_ = g(t, q, v, none)
 

@@ -1,5 +1,8 @@
 """Implicit methods: step functions that solve for their slopes, one formula for each method.
 
+A step function step(f, t, y, h, solve) returns the state at t + h. f(t, y) is the slope of the state y, and
+solve(residuals, guess) returns the unknowns for which the function `residuals` is zero.
+
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, sections IV.3, IV.5 and V.1.
 """
 
@@ -105,20 +108,20 @@ def _program(
 
 
 def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state after a step along the slope at its end."""
+    """Return the state at t + h, after a step along the slope f at its end."""
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state after a step along the mean of the slopes at both ends."""
+    """Return the state at t + h, after a step along the mean of the slopes f at both ends."""
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
 
 
 def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state after a step along the slope at its midpoint."""
+    """Return the state at t + h, after a step along the slope f at its midpoint."""
     k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
     return y + k * h
 

@@ -25,7 +25,11 @@ A, B, C = collocation_tableau(POINTS[STAGES])
 
 
 def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return (q, v) after a step and their errors. Unknowns are stage changes of the velocity and the multipliers."""
+    """Return q and v at t + h, and their error vectors.
+
+    The law g and the function `solve` are those of `lagrange.trajectory.methods.constrained`. The unknowns are the
+    changes of the velocity and the multipliers at the stages.
+    """
     none, gamma = q * 0, DAMPING[STAGES]
     before, *_ = g(t, q, v, none)
 
@@ -56,7 +60,10 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
 
 def predict(ratio: Any, *old: Any) -> list[Any]:
-    """Return initial guesses of the unknowns: the last step's polynomials, extrapolated (multipliers: 3 points)."""
+    """Return initial guesses of the unknowns: the polynomials through `old`, those of the last step, extrapolated.
+
+    `ratio` is the length of the next step divided by that of the last step.
+    """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]
 

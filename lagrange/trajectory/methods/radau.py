@@ -64,7 +64,10 @@ class RadauStep:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return initial guesses of the increments: the polynomial of the last step, extrapolated."""
+        """Return initial guesses of the increments: the polynomial through the last ones, `old`, extrapolated.
+
+        `ratio` is the length of the next step divided by that of the last step.
+        """
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 

@@ -1,7 +1,7 @@
 """Trial vectors: a user's step function is called with them to determine what it computes.
 
-They represent the state and the slopes, and allow only linear combinations. Any other operation raises an error with a
-message.
+Trial vectors represent the state and the slopes, and allow only linear combinations. Any other operation raises an
+error with a message.
 """
 
 from __future__ import annotations

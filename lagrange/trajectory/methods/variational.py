@@ -1,10 +1,11 @@
 """Variational integrators: steps from a discrete principle of least action, in momenta p = dL/dv and forces.
 
 Each is symplectic in (q, p) for any mass matrix. Forces and dissipation enter by the principle of Lagrange and
-d'Alembert; time may be explicit. The unknowns are velocities. The last unknown is the velocity at the end of the step,
-which gives the momentum there. Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta
-Numerica 10, 2001, sections 2.3, 2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd
-ed., 2006, VI.6.
+d'Alembert; time may be explicit. In a step function g(t, q, v) returns the momenta p and forces f, and
+solve(residuals, guess) returns the unknowns for which the function `residuals` is zero. The unknowns are velocities.
+The last unknown is the velocity at the end of the step, which gives the momentum there. Source: J. E. Marsden, M. West,
+Discrete mechanics and variational integrators, Acta Numerica 10, 2001, sections 2.3, 2.6 and 3.2; E. Hairer, C. Lubich,
+G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VI.6.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Momenta = Callable[..., tuple[Any, Any]]
 
 
 def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) after a step with the discrete action h L at the midpoint and mean velocity."""
+    """Return (q, v) at t + h. The discrete action of the step is h L at the midpoint and the mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -36,7 +37,7 @@ def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Call
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) after a step whose discrete action is the mean of h L at both ends, at the mean velocity."""
+    """Return (q, v) at t + h. The discrete action of the step is the mean of h L at both ends, at the mean velocity."""
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -51,9 +52,9 @@ def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Cal
 
 @dataclass(frozen=True)
 class Galerkin:
-    """A step that integrates q' = v and p' = f with the tableau of collocation points c.
+    """A step that integrates q' = v and p' = f with the tableau A, b, c of s collocation points c.
 
-    With Gauss's points the action is that of polynomials of degree s, integrated by s points.
+    With Gauss's points the discrete action is the action of polynomials of degree s, integrated with s points.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]
@@ -61,7 +62,7 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) after a step."""
+        """Return (q, v) at t + h."""
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
