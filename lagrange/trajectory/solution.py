@@ -190,7 +190,7 @@ class Solution:
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
-        """The change of the momentum of each ignorable coordinate since the start, (N,), relative to the momentum's terms.
+        """The change of each ignorable coordinate's momentum since the start, (N,), relative to the momentum's terms.
 
         Empty for a system with contacts, whose forces may change the momenta.
         """

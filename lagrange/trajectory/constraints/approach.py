@@ -1,7 +1,7 @@
 """Runs that approach a state with dependent constraints in ever shorter steps, and never reach it.
 
-An example is a mass on a rod whose length r shrinks to zero: it turns faster and faster. A step takes a time of order
-r**2, and a run needs about 1/r steps to reach the length r.
+An example is a mass on a rod whose length r shrinks to zero: the rod turns faster and faster. A step takes a time of
+order r**2, and a run needs about 1/r steps to reach the length r.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ State = tuple[float, FloatArray]
 
 
 def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
-    """Return the least singular value of M or G at `here`, relative to `start`, and what is nearly singular there.
+    """Return the least singular value at `here`, relative to `start`, and the nearly singular rows or motion there.
 
-    Returns None if a value is not finite.
+    The matrices are the gradient G of the constraints and the mass matrix. Returns None if an entry is not finite.
     """
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)

@@ -116,8 +116,8 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return `consistent_start` for a system with coordinates of first order; otherwise the state, unchanged.
 
-    The velocities of such coordinates follow from other entries. Systems without them are exported with their initial
-    state as stated.
+    The velocities of coordinates of first order follow from other entries. Systems without such coordinates are
+    exported with their initial state as stated.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
@@ -130,7 +130,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
     """Return states (2n, k) with the velocities of coordinates without inertia computed from the other entries.
 
     The system has no other constraints. Columns in which such velocities do not exist are NaN. Raises RunError if an
-    equation determines none.
+    equation determines no velocity.
     """
     if not model.equations.first_order:
         return y

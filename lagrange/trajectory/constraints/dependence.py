@@ -33,7 +33,10 @@ constraint decreases to 1e-6 / AROUND.
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the rows of G that are dependent at a state (2n,) and at all nearby states on the constraints, or None."""
+    """Return the constraints that are dependent at a state (2n,) and at all nearby states that satisfy them, or None.
+
+    Dependent constraints have linearly dependent rows of the gradient G.
+    """
     projection, first = Projection(model, t, parameters), None
     units = units_of(projection.metric(y))
     random, (q, v) = np.random.default_rng(11), model.layout.split(y)
@@ -61,8 +64,8 @@ With the same parameters they are not dependent everywhere on the surface. With 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
     """Raise StatementError if constraints are dependent at a start and everywhere around it.
 
-    Then rounding may make their derivatives look independent, with multipliers of 1e16. Only the first start for each
-    set of parameters is tested.
+    Without this test, rounding may make their derivatives look independent, with multipliers of 1e16. Only the first
+    start for each set of parameters is tested.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
         return
@@ -72,7 +75,7 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return True if the rows of G are independent at a state, and not much smaller than at a nearby state.
+    """Return True if the rows of the gradient G are independent at a state, and not much smaller than at one nearby.
 
     This quick test takes 0.02 ms for a four-bar linkage. If it fails, `dependence_around` decides, in 0.8 ms.
     """
@@ -99,7 +102,7 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the dependent rows of G at a state (2n,), or None if they are independent."""
+    """Return the constraints whose rows of G are dependent at a state (2n,), or None if all are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
     # Masses do not matter here, so the metric is the identity.
     dependent = least_regular(np.eye(gradient.shape[1]), gradient)
@@ -107,7 +110,7 @@ def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Sing
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a row of G that is much smaller at `on`, a state on the constraints, than at the state `off`, or None.
+    """Return a constraint whose gradient is much smaller at `on`, a state on the constraints, than at `off`, or None.
 
     This happens for a squared constraint, such as x**2 = 0.
     """

@@ -157,7 +157,7 @@ def _few(rows: range) -> list[int]:
 
 
 class Nearness:
-    """Computes the least singular value of G at states, relative to a reference value of the motion.
+    """Computes the least singular value of the constraint gradient G at states, relative to a value of the motion.
 
     The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
     dependent constraints. The rows of G are scaled by their largest lengths at these three states.

@@ -26,7 +26,8 @@ CORNER = 1e-4
 class ConstraintResiduals:
     """The constraints of one model as functions of the state: phi on positions (p,), and psi on velocities (m,).
 
-    psi has the time derivatives of phi, and the constraints that are stated in velocities. The size of a constraint on
+    psi has the time derivatives of phi, and the constraints that are stated in velocities. G = dpsi/dv is the gradient
+    (m, n), with respect to the velocities. The size of a constraint on
     velocities is the size of its terms. The size of a constraint on positions is at least the gradient times the
     largest entry, since the only term of y = 0 is y itself.
     """
@@ -86,7 +87,7 @@ class ConstraintResiduals:
 
     @property
     def labels(self) -> list[str]:
-        """The texts of the constraints on positions, then of all constraints."""
+        """The names of the constraints in the order of phi, then psi: those on positions, then all, (p + m,)."""
         return [
             *(name for name, is_holonomic in zip(self.names, self.holonomic, strict=True) if is_holonomic),
             *self.names,

@@ -265,7 +265,7 @@ def _obeys(
 
 
 def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the shortest least-squares solution (k,) of equations that may be dependent."""
+    """Return the shortest least-squares solution x (k,) of `square` x = `right`, whose rows may be dependent."""
     return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 

@@ -260,7 +260,7 @@ class ContactResult:
 
     @property
     def rests(self) -> tuple[float, ...]:
-        """The times at which infinitely many impacts end."""
+        """The times at which infinitely many impacts accumulate and end."""
         return self._run.history.rests[self._which]
 
 

@@ -64,12 +64,12 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The state of each contact, as results show it."""
+        """The state of each contact in results: at rest it counts as sticking, and as open while impacts accumulate."""
         states = (STICKING if self.still and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
     def going(self, which: int, way: int) -> Mode:
-        """Return the mode in which a contact slides in direction `way`, or sticks if `way` is 0."""
+        """Return this mode, but with contact `which` sliding in direction `way`, 1 or -1, or sticking if `way` is 0."""
         states, ways = list(self.states), list(self.ways)
         states[which], ways[which] = SLIDING if way else STICKING, way or None
         return replace(self, states=tuple(states), ways=tuple(ways))

@@ -309,10 +309,10 @@ class _ContactRun:
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
     def _locate_end(self, segment: Problem) -> None:
-        """Set the contacts that end the last segment, and set its end, before any reset, to the zero of an event.
+        """Move the end of the last segment, before any reset, closer to the zero of the event, by one secant step.
 
-        A series locates the zero to the tolerance of the run only. The motion is followed from there for the remaining
-        time.
+        A series locates the zero only up to the tolerance of the run. The run continues from the corrected end. Also
+        stores the contacts whose events ended the segment.
         """
         part, (begin, end), y = self.found, self.found.span, self._end_state()
         self.fired = self._fired()

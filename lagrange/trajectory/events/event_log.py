@@ -26,7 +26,7 @@ number of such intervals in a row.
 
 
 class Occurrences:
-    """The occurrences of one event in order, for states of length `size`, stored singly and as arrays."""
+    """The occurrences of one event in order, with their times and states. `size` is the length of a state, 2n."""
 
     def __init__(self, size: int) -> None:
         self._parts: list[tuple[FloatArray, FloatArray, int, object]] = []

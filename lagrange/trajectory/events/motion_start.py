@@ -1,6 +1,6 @@
 """Event functions at the start of a smooth piece of motion: the side of zero of each, and contacts that act at once.
 
-The side is the known sign of an event function between two points. It is never taken from a value within rounding:
+The side is the known sign of an event function between two points, never the sign of a value within rounding of zero:
 
 1. A reset that does not change the event function, up to rounding, keeps its side. If the function is within rounding
    of zero when another event acts, it has not crossed zero. It crosses zero if the new motion leads to the other side.
@@ -121,7 +121,7 @@ def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return the contacts at rest: zero at the start of the motion, not by a new event, and constant on the step.
+    """Return the contacts at rest: zero at the start of the motion without a new event, and constant on the step.
 
     An example is a ball that has given its velocity to the next ball and lies beside it. Only rounding changes the
     event function of such a contact.

@@ -132,7 +132,7 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Set the number of next steps to review on arrays: one, doubled at each repetition."""
+        """Set the number of the next steps to review on arrays: one step, and twice as many at each repetition."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
@@ -471,7 +471,7 @@ class StepWatch(EventLog):
         return zero
 
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
-        """Return True if an event acts at the start of a motion: a contact turns it back, or is met without velocity.
+        """Return True if an event acts at the start of a motion: the motion leads through a contact, or back to it.
 
         The rules are those of the module `motion_start`: such contacts have an undecided side. `zero` has the zeros of
         the event functions that start at zero.
@@ -528,7 +528,7 @@ class StepWatch(EventLog):
                 self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), taken + 1)
 
     def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events `zeros` among those in `found`, and start a new motion."""
+        """Reset the state by the events in `zeros`, and start a new motion. `found` has all events at this time."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.impacts[m.which]: m.which for m in zeros}

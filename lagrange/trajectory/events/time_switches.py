@@ -110,7 +110,7 @@ class TimeSwitches:
     def _switches(self, grid: FloatArray) -> Iterator[tuple[float, float]]:
         """Yield the last time before each switch in the grid of times (k,), and the first time after it.
 
-        A surface that is zero only at the start or at the end of the run is a switch there.
+        A surface that is zero only at the start, or only at the end, of the run counts as a switch at this time.
         """
         sides = np.sign(self._values(grid))
         last_nonzero = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)

@@ -58,8 +58,8 @@ class Side:
     """The side of zero of an event function between two steps, the only information that a step passes to the next.
 
     `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after an impact.
-    `near` is True if the function has been within its noise of zero since then: the next step decides whether it
-    crosses or touches.
+    `near` is True if the function has been within its noise of zero since it had this sign: the next step decides
+    whether it crosses or touches zero.
     """
 
     sign: int = 0
@@ -222,7 +222,7 @@ SAME_JUMP = 2.0**-44
 
 @dataclass(frozen=True, eq=False)
 class StepZeros:
-    """The zeros of an event on a step, in units of the step, in order.
+    """The zeros `found` of an event function on a step, in order, with times as fractions of the step.
 
     `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is the fraction
     of the step from which the event function has no value, else infinity. For a function that starts at zero, `leaving`
