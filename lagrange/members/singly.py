@@ -33,7 +33,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States (m, 2n) of members at start and end, with their energies and momenta, `first` and `last` (m, 1 + n)."""
+    """States of members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
+
+    `first` (m, 1 + n) has the energy, then the momenta, at the start, and `last` (m, 1 + n) those at the end.
+    """
 
     before: FloatArray
     after: FloatArray
@@ -131,11 +134,11 @@ class RunEngine:
 
     @property
     def side_by_side(self) -> int:
-        """1: members run one by one."""
+        """The number 1, because members run one by one."""
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members one by one. A start that a run refuses gives a member without steps, with the message."""
+        """Run members one by one. If a run refuses a start, the member has no steps, and the message of the refusal."""
         ends = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
             if stopped():
@@ -242,7 +245,7 @@ class FlowEngine:
 
     @property
     def side_by_side(self) -> int:
-        """1: members run one by one."""
+        """The number 1, because members run one by one."""
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:

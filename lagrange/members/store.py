@@ -41,8 +41,8 @@ _CHANGING = threading.Lock()
 class StoreLock:
     """The exclusive right to write to a store until `close`. Raises RunError if another call has it.
 
-    The lock is one of `lockf`, so forked workers do not keep it after their parent process was killed. No lock is taken
-    if its file cannot be made, as in a read-only store, or if the system has no locks.
+    The lock is made by `lockf`, so forked workers do not keep it after their parent process was killed. No lock is
+    taken if its file cannot be made, as in a read-only store, or if the system has no locks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -214,7 +214,10 @@ def folder_of(store: Any) -> Path:
 
 
 def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store if `path` does not exist. Raises StatementError if it contains anything but this ensemble."""
+    """Make a store if `path` does not exist. Raises StatementError if it contains anything but this ensemble.
+
+    `made_of` is the description of the ensemble by `lagrange.members.origin`.
+    """
     zarr = _zarr()
     if not os.path.lexists(path):
         _make(zarr, path, job, table, made_of)
@@ -251,7 +254,7 @@ def _zarr() -> Any:
 
 
 def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
-    """Raise StatementError for a folder that contains anything but this ensemble."""
+    """Raise StatementError for a folder that contains anything but the ensemble with the description `made_of`."""
     try:
         stored = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:

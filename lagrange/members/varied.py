@@ -42,7 +42,7 @@ class Varied(ABC):
 
     @abstractmethod
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values of a key for some members."""
+        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
 
     @property
     def keys(self) -> tuple[Any, ...]:
@@ -81,7 +81,7 @@ class Arrays(Varied):
         return {"member": np.arange(len(next(iter(self.given.values()))))}
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values of a key for some members."""
+        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
         return self.given[key][which]
 
 
@@ -94,7 +94,7 @@ class Grid(Varied):
         return {label_of(key): values for key, values in self.given.items()}
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values of a key for some members."""
+        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
         axis = self.keys.index(key)
         stride = math.prod(self.shape[axis + 1 :])
         return self.given[key][which // stride % self.shape[axis]]

@@ -72,7 +72,7 @@ class ThreadRunner:
 
     @property
     def places(self) -> int:
-        """One chunk for each thread."""
+        """The number of threads: each runs one chunk."""
         return self._places
 
     def submit(self, starts: Starts) -> Any:
@@ -80,7 +80,7 @@ class ThreadRunner:
         return self._pool.submit(timed, self._engine, starts, self._stopping.is_set)
 
     def stop(self) -> None:
-        """Prevent that further members begin."""
+        """Let the threads begin no further members."""
         self._stopping.set()
 
     def close(self) -> None:
@@ -104,7 +104,7 @@ class ExecutorRunner:
 
     @property
     def places(self) -> int:
-        """`CHUNKS_PER_WORKER` chunks for each worker."""
+        """The number of workers times `CHUNKS_PER_WORKER`."""
         return CHUNKS_PER_WORKER * max(workers_of(self._executor), 1)
 
     def submit(self, starts: Starts) -> Any:

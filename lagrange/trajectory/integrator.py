@@ -52,7 +52,7 @@ class Tolerances:
     notes: tuple[str, ...] = ()
 
     def begin(self, t0: float, t1: float, y0: FloatArray) -> DriverState:
-        """Return the state of a run from (t0, y0) towards t1."""
+        """Return the driver state at the start of a run from (t0, y0) to t1."""
         h = self.step if t1 >= t0 else -self.step
         aim = self.margin
         floor = max(aim * self.atol, LEAST_FLOOR)

@@ -103,7 +103,8 @@ def integrate_since(
 def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
     """Return a model unchanged, or a system compiled. `progress` prints on a terminal that compiling takes long.
 
-    Raises StatementError for anything else, with the scene `example`, and for functions of time without values.
+    Raises StatementError for anything else, with the scene `example` in the message, and for functions of time without
+    values.
     """
     statement = stated(system, example)
     require_values(statement)

@@ -400,7 +400,7 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return the result of a driver call that ended early without an event. Raise floors at its request."""
+    """Return the result of a driver call that ended early without an event. Raise floors if the driver asks for it."""
     if outcome is Outcome.PAUSED:
         return GOES_ON
     if outcome is Outcome.UNSCALED:

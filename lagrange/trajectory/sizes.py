@@ -121,7 +121,7 @@ def entry_sizes(
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) of entries: of their values, or their changes in a period at accelerations `force`."""
+    """Return the sizes (2n,) of entries: their values, or their changes in a period by `force` (n,) if larger."""
     q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])

@@ -257,7 +257,11 @@ def _history(solver: Any) -> partial[FloatArray]:
 
 
 def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the states (2n, k) at times (k,) on the last step of LSODA."""
+    """Return the states (2n, k) at times (k,) on the last step of LSODA, which ends at the time `end`.
+
+    `orders` are the orders of the last and the next step. `memory` begins with the lengths of these two steps, and has
+    the scaled derivatives from index 10 on.
+    """
     (order, following), (last, step) = orders, memory[:2]
     powers = ((times - end) / step)[:, None] ** np.arange(order + 1)
     if following < order:

@@ -97,8 +97,8 @@ def _solver() -> Callable[..., Any]:
 class _CvodeStepper:
     """CVODE between two steps: implements `Stepper`.
 
-    It runs in the time s since its start, t = t0 + s, or t0 - s for a run backwards. So small first steps are not lost
-    in the spacing of large times, and the package needs no first step backwards.
+    CVODE runs in the time s since its start, t = t0 + s, or t0 - s for a run backwards. So small first steps are not
+    lost in the spacing of large times, and the package needs no first step backwards.
     """
 
     def __init__(

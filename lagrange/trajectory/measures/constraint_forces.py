@@ -75,7 +75,7 @@ class ConstraintForces:
             return np.concatenate([self._from(begin, middle), self._from(middle, end)], axis=1)
 
     def generalized(self, name: str) -> FloatArray:
-        """Return G^T lambda of one constraint, (n, N)."""
+        """Return the generalized force G^T lambda of one constraint, (n, N)."""
         return self._gradient(name) * self.multipliers[name]
 
     def on_point(self, name: str, point: str) -> FloatArray:

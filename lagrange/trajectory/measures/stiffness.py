@@ -196,7 +196,7 @@ def _found(
 
 @lru_cache(maxsize=64)
 def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
-    """Return the coefficients of R(z), by which a step multiplies y if y' = y z/h: 1, then b.A^k.1.
+    """Return the coefficients of R(z), by which a step multiplies y if y' = y z/h: 1, b.1, b.A.1, b.A^2.1, and so on.
 
     E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2, (2.7).
     """

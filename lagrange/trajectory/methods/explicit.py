@@ -107,7 +107,11 @@ def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
 
 
 def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
-    """Return the state (q, v) after a step in local coordinates about its start, and the error estimates of q and v."""
+    """Return q and v after a step in local coordinates about its start, and their error estimates.
+
+    g(t, Q, V, q) returns the slopes of Q and V, a local state about the coordinates q at the start of the step, then
+    the coordinates and velocities that this local state represents.
+    """
 
     def slope(at: Any, state: Any) -> Any:
         return np.array(g(at, *state, q)[:2], dtype=object)

@@ -156,7 +156,7 @@ class Collocation:
     c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-        """Return the state after a step."""
+        """Return the state at t + h."""
 
         def residuals(*slopes: Any) -> tuple[Any, ...]:
             stages = [y + weighted(row, slopes) * h for row in self.A]

@@ -244,7 +244,10 @@ def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
 
 
 def _scales(tried: _Tried, doubled: _Tried) -> bool:
-    """Return True for a Runge-Kutta step: its coefficients are proportional to h, and its times are t + c h."""
+    """Return True for a Runge-Kutta step: its coefficients are proportional to h, and its times are t + c h.
+
+    `tried` and `doubled` are the trial calls at the two `TRIAL_POINTS`, with steps of h and 2 h.
+    """
     if len(tried.calls) != len(doubled.calls):
         return False
     pairs = [(float(2 + 2 * at), float(later)) for (at, _), (later, _) in zip(tried.calls, doubled.calls, strict=True)]

@@ -39,7 +39,7 @@ class RadauStep:
     stages: int
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
-        """Return the state after a step, and the error vector."""
+        """Return the state at t + h, and the error vector."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         gamma = DAMPING[self.stages]
 

@@ -16,8 +16,8 @@ from lagrange.trajectory.trajectory import FloatArray
 class SeriesPath:
     """Accepted steps, times (S+1,) and states (S+1, 2n), and the series that leads from each to the next.
 
-    `epochs` are pairs of a step number and the parameters and sides that are valid from it on. `continuations` has the
-    dense output of steps without a series, by step number.
+    `epochs` are pairs of a step number, and the parameters and sides that are valid from this step on. `continuations`
+    has the dense output of steps without a series, by step number.
     """
 
     series: Series
