@@ -144,7 +144,7 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
-    """Raise StatementError for negative values of parameters that were declared positive, as a run does."""
+    """Raise StatementError for negative values of a varying parameter declared positive or nonnegative."""
     for column, key in columns.items():
         symbol = model.statement.parameters[column]
         if symbol.is_nonnegative:

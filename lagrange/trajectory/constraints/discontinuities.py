@@ -123,7 +123,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for a discontinuity at a surface. `which` is the index of the constraint in `labels`."""
+        """Return the message for a discontinuity at a surface of constraint `which`, an index of `residuals.labels`."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)

@@ -110,7 +110,7 @@ class Projection:
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
         """Return a sentence on the constraints that a state violates by more than rounding, or None.
 
-        Displacements are measured by the inertia of the state `before`, which is finite.
+        Displacements are measured by the mass matrix at the state `before`, where it is finite.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):

@@ -117,7 +117,7 @@ def _size(balance: Balance) -> float:
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the largest rates (..., rows) that count as zero for forces (..., rows)."""
+    """Return the rounding errors (..., rows) of the rates A f + b for forces f (..., rows): smaller rates are zero."""
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 

@@ -64,7 +64,7 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The state of each contact in results: at rest it counts as sticking, and as open while impacts accumulate."""
+        """The state of each contact in results: "sticking" instead of "sliding" if `still`, "open" if `bouncing`."""
         states = (STICKING if self.still and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 

@@ -35,9 +35,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class Root:
     """A time at which the event function crosses zero, or touches it.
 
-    `time` is counted from the start of the step, in the units of h and between 0 and h. `rising` is 1 if the function
-    goes from negative to positive along the integration, -1 for the reverse, and 0 if it touches zero. At a `jump` its
-    sign changes without a zero.
+    `time` is counted from the start of the step, and lies between 0 and the step length h. `rising` is 1 if the
+    function goes from negative to positive along the integration, -1 for the reverse, and 0 if it touches zero. At a
+    `jump` the sign of the function changes without a zero.
     """
 
     time: float
@@ -201,7 +201,7 @@ def _polynomial(
 
 
 def powers(chebyshev: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients of powers (k,), without the last Chebyshev coefficients below `least`."""
+    """Return the coefficients of powers (k,) of a Chebyshev series, without last coefficients below `least`."""
     above = np.flatnonzero(np.abs(chebyshev) > least)
     count = int(above[-1]) + 1 if len(above) else 1
     return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
@@ -317,7 +317,7 @@ def _starts_clear(piece: LocalPolynomial) -> bool:
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return a function that starts at zero, divided by time. This removes the known zero, as the next may be close.
+    """Return a function that starts at zero, divided by time, so that a second zero close to the first is found.
 
     The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """

@@ -166,7 +166,7 @@ class _Standing:
 
 
 class SolverDriver:
-    """Advances a run by a solver, which is restarted at changes of the motion: implements `Driver`."""
+    """Advances a run by a solver, and restarts the solver at changes of the motion: implements `Driver`."""
 
     def __init__(self, plan: SolverPlan, law: GuardedRhs) -> None:
         self._plan, self._law = plan, law

@@ -41,7 +41,7 @@ def step_size(value: Any) -> float:
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
-    """Raise StatementError for options that no run could use. It is called when a method is made."""
+    """Raise StatementError for options that no run could use. Methods call this when they are made."""
     if step is not None:
         step_size(step)
     for what, value in (("rtol", rtol), ("atol", atol)):
@@ -135,7 +135,7 @@ def check_holonomic(name: str, problem: Problem) -> None:
 
 
 def check_unconstrained(name: str, problem: Problem) -> None:
-    """Raise StatementError for a system with constraints, if a method uses only the forces of the Lagrangian."""
+    """Raise StatementError for constraints or coordinates without inertia, which method `name` does not support."""
     check_problem(name, problem)
     if problem.model.equations.first_order:
         raise StatementError(
