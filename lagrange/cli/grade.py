@@ -1,4 +1,4 @@
-"""The command `lagrange grade`: students' equations of motion against those of a scene."""
+"""The command `lagrange grade`: compare students' equations of motion with the equations of a scene."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def add_grade(commands: Any) -> None:
 
 
 def grade(request: argparse.Namespace) -> Answer:
-    """Compare the equations of a file or of each file of a folder with those of a scene.
+    """Compare the equations in a file, or in each file of a folder, with the equations of a scene.
 
     The exit code is 0 if all are right, 1 if some are wrong, and 2 if a single file cannot be read.
     """
@@ -73,7 +73,7 @@ def grade(request: argparse.Namespace) -> Answer:
 
 
 def _is_folder(name: str) -> bool:
-    """Return True if a name is that of a folder, also False for a name that is too long for the file system."""
+    """Return True if a folder has this name; False also for a name that is too long for the file system."""
     try:
         return Path(name).is_dir()
     except (OSError, ValueError):

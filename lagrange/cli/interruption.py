@@ -33,7 +33,7 @@ class Signalled(KeyboardInterrupt):
     """Exception: a signal asked the program to end.
 
     It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If a plain one
-    ends code that was passed as text, such as that of a named tuple, Python kills the process with SIGINT at its end.
+    ends code that was passed as text, as the code of a named tuple is, Python kills the process with SIGINT at its end.
     It does so even if the exception was caught.
     """
 

@@ -260,7 +260,7 @@ def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -
 
 
 def _columns(kept: list[str]) -> list[str]:
-    """Return the names of the quantities that can be drawn among those that --keep names."""
+    """Return the names of the results that can be drawn: kept quantities, t_end, and counts if `kept` has "counts"."""
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
     return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
 

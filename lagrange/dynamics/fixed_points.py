@@ -47,7 +47,7 @@ class FixedPoint:
 
     @property
     def stable(self) -> bool | None:
-        """True if motions that start near it stay near, None if the linear equations do not decide."""
+        """True if motions that start near the equilibrium stay near; None if the linear equations do not decide."""
         if self.kind in (DEGENERATE, LINEAR_CENTRE):
             return None
         return self.kind == CENTRE or self.kind.startswith("stable")

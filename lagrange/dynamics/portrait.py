@@ -361,7 +361,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
 
 
 def _following(model: Model) -> list[int]:
-    """Return the rows of velocities that follow from the coordinates: those of coordinates without inertia."""
+    """Return the rows of the velocities of coordinates without inertia, which follow from the other entries."""
     return [model.layout.v.start + i for i in model.equations.first_order]
 
 

@@ -112,9 +112,10 @@ def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
 
 
 def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallback: float) -> float:
-    """Return the period 2 pi/|eigenvalue| of small motions about states (m, 2n), or `fallback` if all are zero.
+    """Return a typical period of small motions about states (m, 2n), or `fallback` if all eigenvalues are zero.
 
-    It is the geometric mean over the nonzero eigenvalues of a state, and the median over the states.
+    The period of a state is 2 pi/|eigenvalue|, the geometric mean over its nonzero eigenvalues. The result is the
+    median of the periods of the states.
     """
     periods = []
     followed = with_rates(model, 0.0, states[:: max(1, len(states) // 16)].T, parameters)
@@ -147,7 +148,10 @@ def _parts(statement: Statement) -> list[Any]:
 
 @lru_cache(maxsize=64)
 def _rates(statement: Statement) -> tuple[Any, ...]:
-    """Return the angular frequencies of the sines and cosines of time, as expressions."""
+    """Return the angular frequencies of all sines and cosines of time in a statement, as expressions.
+
+    Raises StatementError if there are none, or if time also occurs elsewhere.
+    """
     parts = _parts(statement)
     waves = sorted(
         {

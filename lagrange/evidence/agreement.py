@@ -68,8 +68,8 @@ Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]
 def compared(what: str, statement: Statement, values: Values) -> None:
     """Compare formulas with compiled numbers at random states; `values(point)` returns both.
 
-    Raises RunError if they differ; its message begins with `what`. States at which one of them has no value are
-    skipped.
+    Raises RunError if they differ; its message begins with `what`. A state at which a formula or a compiled number has
+    no value is skipped.
     """
     holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
 

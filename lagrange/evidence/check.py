@@ -1,6 +1,6 @@
 """`check`: compare every compiled quantity with numerical derivatives of the stated energies.
 
-A stated system is checked on both targets, and with its textbook accelerations.
+A stated system is checked on both targets, llvm and numpy, and with accelerations derived as in a textbook.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class StatedConstraints:
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
-        """Return m entries: those of holonomic constraints from `by_position`, the others from `by_velocity`."""
+        """Return m entries, from `by_position` for holonomic constraints, and from `by_velocity` for the others."""
         return [
             a if is_holonomic else b
             for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)
@@ -39,7 +39,7 @@ class StatedConstraints:
 
 
 def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
-    """Return G, m rows of n numbers: dphi/dq of holonomic constraints, dpsi/dv of the others."""
+    """Return the gradient G, m rows of n numbers: dphi/dq of a holonomic constraint, else dpsi/dv."""
 
     def by_q(j: int) -> Numbers:
         return central(lambda h: stated.for_gradient(moved(q, j, h), v, t), steps.q[j])
@@ -56,12 +56,12 @@ def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: D
 
 
 def position_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any) -> Numbers:
-    """Return phi, m numbers; 0 for constraints on velocities."""
+    """Return phi, the m constraint expressions; the entry of a constraint on velocities is 0."""
     return stated.chosen(stated.for_rates(q, v, t), [0] * len(stated.holonomic))
 
 
 def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return psi, m numbers: dphi/dt of holonomic constraints, and the expressions of the others."""
+    """Return psi, m numbers: dphi/dt of a holonomic constraint, or the expression of a constraint on velocities."""
     still: Numbers = [0] * len(q)
     moving = _rates(stated, q, v, still, t, steps) if any(stated.holonomic) else [0] * len(stated.holonomic)
     return stated.chosen(moving, stated.for_rates(q, v, t))

@@ -38,13 +38,13 @@ class Estimate(NamedTuple):
 
 
 def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
-    """Return df/dx at 0, from two evaluations."""
+    """Return the central difference for df/dx at 0, with the given step, from two evaluations."""
     ahead, behind = function(step), function(-step)
     return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
 
 
 def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Numbers:
-    """Return d2f/dx dy at (0, 0), from four evaluations."""
+    """Return the central difference for d2f/dx dy at (0, 0), with a step for x and one for y, from four evaluations."""
 
     def slope(x: Any) -> Numbers:
         return central(lambda y: function(x, y), step_y)
@@ -207,13 +207,13 @@ TRUSTED = 1e-12
 
 
 class SingularMass(OutsideDomain):
-    """The mass matrix is singular at the point."""
+    """Error: the mass matrix is singular at the point."""
 
 
 def momenta(
     source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
 ) -> Numbers:
-    """Return p = dL/dv, n numbers, or only the entries listed in `rows`."""
+    """Return p = dL/dv at (q, v, t), n numbers, or only the entries listed in `rows`."""
     rows = range(len(q)) if rows is None else rows
     return _gradient(lambda i, x: source.for_momenta(i)(q, x, t), v, rows, steps.v)
 

@@ -109,8 +109,8 @@ class _Evaluation:
 def _operations(context: Any) -> dict[str, Callable[..., Any]]:
     """Return the operations of a program by name, on numbers of an mpmath context.
 
-    The functions are those of the graph module, which uses mpmath. `lagrange.evidence.precise` is independent of graph
-    and program: it evaluates the stated expressions.
+    The operations are functions of the graph module, which also uses mpmath. `lagrange.evidence.precise` does not use
+    graph or program: it evaluates the stated expressions.
     """
     return {
         **{name: partial(function, context) for name, function in FUNCTIONS.items()},
@@ -178,7 +178,7 @@ class PreciseLaws:
         return [*q, *v]
 
     def steps(self, q: FloatArray, v: FloatArray, length: float) -> DifferenceSteps:
-        """Return the difference steps for an interval of a given length, from its states q and v, (s, n) each."""
+        """Return the difference steps for an interval of length `length`, with states q and v, (s, n) each."""
         unit = self.number(10) ** -self.exponent
         sizes = [np.abs(x).max(axis=0) for x in (q, v)]
         by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)

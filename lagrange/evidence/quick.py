@@ -86,7 +86,7 @@ def quick_check(model: Model) -> None:
 
 
 def _accelerations(model: Model, point: SamplePoint) -> list[float]:
-    """Return the accelerations from the compiled kernel that runs use; NaN if it raises RunError."""
+    """Return the accelerations from the compiled kernel that runs use; NaN if the kernel raises RunError."""
     try:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
     except RunError:

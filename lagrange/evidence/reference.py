@@ -427,7 +427,7 @@ class _Perturbed:
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return `make(program, other)` for each pair of programs. It is called once for each distinct program."""
+    """Return `make(program, other)` for each pair of programs. `make` is called once for each distinct program."""
     results: dict[Precise, Any] = {}
     listed = []
     for tape, other in pairs:
@@ -438,5 +438,5 @@ def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], A
 
 
 def _last(values: laws.StateFunction) -> laws.StateFunction:
-    """Return a function of (q, v, t) that returns the last value of `values`."""
+    """Return a function of (q, v, t) that returns the last entry of the list `values(q, v, t)`."""
     return lambda q, v, t: values(q, v, t)[-1]

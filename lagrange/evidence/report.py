@@ -42,7 +42,7 @@ class ReportRow:
     holds: bool
 
     def cells(self) -> tuple[str, str, str, str, str, str]:
-        """Return the texts of the six cells of the table row."""
+        """Return the texts of the six cells of this row in the printed table."""
         where = self.entry, str(self.point) if self.point else "-"
         return self.quantity, f"{self.error:.1e}", *where, str(self.points), "holds" if self.holds else "FAILS"
 
@@ -146,7 +146,7 @@ class ReferenceEntries:
 
     @cached_property
     def doubles(self) -> tuple[FloatArray, FloatArray]:
-        """The nearest double of each value, and the remainder as another double."""
+        """The nearest double of each value, and the remainder of the value as another double."""
         near = [float(x) for x in self.value]
         return np.array(near), np.array([float(x - y) if x else 0.0 for x, y in zip(self.value, near, strict=True)])
 
@@ -231,7 +231,7 @@ class Comparison:
     def add(
         self, row: str, labels: Sequence[str], values: Sequence[float] | FloatArray, part: ReferenceEntries
     ) -> None:
-        """Compare compiled values with the reference entries `part`, and update the largest error of a row."""
+        """Compare compiled values with the reference entries `part`, and update the largest error of the row `row`."""
         tally = self._tallies[row]
         self._seen[row].add(self._number)
         tally.points = len(self._seen[row])

@@ -49,7 +49,7 @@ class ReferenceSolution:
     about: str
 
     def error(self, y: FloatArray, unit: FloatArray) -> float:
-        """Return the largest difference from states y (2n, K), each entry in units of `unit` (2n,)."""
+        """Return the largest difference of the reference from states y (2n, K), each entry in units of `unit` (2n,)."""
         if not np.isfinite(y).all():
             return np.inf
         return max(_distance(column, state, unit) for column, state in zip(y.T.tolist(), self.states, strict=True))
@@ -140,7 +140,7 @@ def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float
 
 
 def digits_of(given: Any) -> int:
-    """Return a checked number of digits. Raises StatementError if it is not a whole number in the allowed range."""
+    """Return a checked number of digits. Raises StatementError unless it is an integer in the allowed range."""
     number = real_number(given, "digits")
     if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
         raise StatementError(

@@ -239,7 +239,7 @@ class _Measurements:
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
         """Return a function without arguments that runs the method and returns the states (2n, K) at the K times.
 
-        Everything else is prepared in advance, so that timings measure the run only.
+        Everything else is prepared in advance, so that a timing measures the run only.
         """
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
@@ -284,7 +284,10 @@ def race_settings(
 
 
 def _sizes(what: str, sizes: Any) -> tuple[float, ...]:
-    """Return a list of positive numbers without duplicates. Raises StatementError, with the name `what`, otherwise."""
+    """Return a checked list of positive numbers, without duplicates.
+
+    Raises StatementError for anything else; its message calls the list `what`.
+    """
     listed = None if isinstance(sizes, (str, bytes)) else entries(sizes, what)
     if listed is None:
         raise StatementError(f"{what} is {shown(sizes)}: give a list of positive numbers, such as [1e-6, 1e-9].")
@@ -339,7 +342,7 @@ def _fine_run(
 
 
 def _checked(run: Trajectory) -> Trajectory:
-    """Return the run. Raises KeyboardInterrupt if the user interrupted it."""
+    """Return the run unchanged. Raises KeyboardInterrupt if the user interrupted the run."""
     if run.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return run

@@ -166,7 +166,7 @@ def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -
 
 
 def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
-    """Raise StatementError for a method without error control, and for more than one method."""
+    """Raise StatementError if a method has no error control, or if there is more than one method."""
     plain = [name for name in methods if not _adaptive(name)]
     if plain:
         raise StatementError(

@@ -35,7 +35,7 @@ FRAME_WIDTH, FRAME_HEIGHT = 1100, 760
 
 
 def explored_sliders(statement: Statement, ranges: Any, named: Mapping[str, Any]) -> list[Slider]:
-    """Return the sliders: first those of a dict by symbol or name, then those given by keyword.
+    """Return the sliders: first the entries of the dict `ranges`, by symbol or name, then the keywords `named`.
 
     Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """

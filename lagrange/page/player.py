@@ -134,7 +134,7 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a row, and the step between two of the whole numbers that store it."""
+    """Return the least value of a row, and the step between neighbouring stored values."""
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 

@@ -1,4 +1,4 @@
-"""Sliders of a page: bounds given by the user, which are checked, and default bounds."""
+"""Sliders of a page: bounds chosen by the user, which are checked, and default bounds."""
 
 from __future__ import annotations
 

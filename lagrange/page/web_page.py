@@ -95,7 +95,7 @@ folded."""
 
 
 def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return HTML of the sliders in groups: those the user chose, parameters, initial values."""
+    """Return HTML of the sliders `found` in groups: sliders that the user chose, parameters, initial values."""
     chosen = [(place, slider) for place, slider in enumerate(found) if slider.chosen]
     others = [(place, slider) for place, slider in enumerate(found) if not slider.chosen]
     parameters = [pair for pair in others if pair[1].kind == PARAMETER]

@@ -35,7 +35,7 @@ def quantity_program(model: Model, quantity: str) -> Program:
 
 
 def entries(model: Model) -> list[str]:
-    """Return two lines of ASCII text: the names of the entries of the state y, and those of the parameters p."""
+    """Return two lines of ASCII text, one with the names of the entries of y, and one with the names of p."""
     state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 

@@ -282,9 +282,9 @@ class Ensemble:
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-        """Yield (name, values, dimensions) of each variable of a Dataset that a column gives.
+        """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
 
-        The dimensions are those that follow the dimensions of the varied quantities.
+        The dimensions do not include those of the varied quantities, which come first.
         """
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
@@ -447,7 +447,7 @@ def ensemble(
 def _run(
     job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
-    """Run the members of a job, or those that the folder `store` lacks, and return the Ensemble.
+    """Run the members of a job that the folder `store` does not have yet, or all without a store; return the Ensemble.
 
     `threads` is the number of threads without an `executor`, and `began` the time at which the call began.
     """

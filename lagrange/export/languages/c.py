@@ -22,7 +22,7 @@ class C(Target):
     contents = frozenset(("steps", "main", "taylor"))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the header and the source file, and the programs that test it and run the initial state."""
+        """Return the header, the source file, and the programs for the test and for `main`, by file name."""
         return {f"{module.name}.h": header(module), f"{module.name}.c": source(module), **programs(module)}
 
     def commands(self, module: SourceModule) -> list[str]:

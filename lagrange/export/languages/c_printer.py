@@ -89,7 +89,7 @@ class BracedPrinter(SourcePrinter):
                 return f"{kind} ({texts[0]}) {{"
 
     def closing(self, kind: str) -> str:
-        """Return the line that closes a block."""
+        """Return the line that closes a block of the kind `kind`."""
         return "}"
 
     def leaving_loop(self) -> str:
@@ -222,11 +222,11 @@ class CNames:
         return not BITS.isdisjoint(self.needed)
 
     def definitions(self) -> list[str]:
-        """Return the definitions of the functions that the file needs."""
+        """Return the definitions of the helper functions that the file needs."""
         return [f"static {HELPERS[op][1]}\n" for op in sorted(self.needed)]
 
     def function(self, name: str) -> str:
-        """Return the name of a function of the module."""
+        """Return the C name of the function `name` of the module."""
         return unreserved(f"{self.prefix}{name}", RESERVED)
 
     @property
@@ -235,7 +235,7 @@ class CNames:
         return f"{self.prefix}default_parameters"
 
     def record(self, record: Record) -> str:
-        """Return the type of a record."""
+        """Return the name of the C type of a record."""
         return f"{self.prefix}{record.name.lower()}"
 
     def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:

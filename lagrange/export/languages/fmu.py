@@ -40,7 +40,7 @@ class Fmu(Target):
     always = ("rhs", "main")
 
     def files(self, module: SourceModule) -> Mapping[str, bytes]:
-        """Return an FMU of each version."""
+        """Return the FMU for each version of FMI, by file name."""
         return {f"{module.name}_fmi{major}.fmu": archive(contents(module, major)) for major in (2, 3)}
 
     def commands(self, module: SourceModule) -> list[str]:

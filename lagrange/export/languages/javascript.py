@@ -40,7 +40,7 @@ class JavaScript(Target):
     inexpressible = frozenset(("erf",))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and the programs that test it and run the initial state."""
+        """Return the module, and the programs for the test and for the run of the initial state, by file name."""
         texts = {f"{module.name}.mjs": source(module), f"{module.name}_test.mjs": test_text(module, SCRIPT)}
         if module.run is not None:
             text = main_text(module, SCRIPT, head=json.dumps(columns(module))).splitlines()

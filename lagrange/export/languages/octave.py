@@ -228,7 +228,7 @@ class Octave(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return a file for each function that users call, and one for the test."""
+        """Return a file for each function that users call, and a file for the test, by name."""
         return {f"{name}.m": f"{text.rstrip()}\n" for name, text in files_of(module)}
 
     def commands(self, module: SourceModule) -> list[str]:

@@ -120,7 +120,7 @@ class Python(Target):
     about = "Python: one module that needs NumPy only"
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and the programs that test it and run the initial state."""
+        """Return the module, and the programs for the test and for the run of the initial state, by file name."""
         name = file_name(module)
         texts = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
         if module.run is not None:
@@ -143,7 +143,7 @@ def file_name(module: SourceModule) -> str:
 
 @dataclass(frozen=True)
 class _File:
-    """State shared by the functions of one file; `needed` collects the operations whose definitions it needs."""
+    """State shared by the functions of one file; `needed` collects the operations whose definitions the file needs."""
 
     needed: dict[str, None] = field(default_factory=dict)
 

@@ -87,7 +87,7 @@ class FilmOptions:
 
 
 def film_options(size: Any, trail: Any) -> FilmOptions:
-    """Return the options from the arguments `size` and `trail`. Raises StatementError for invalid ones."""
+    """Return the requested options. Raises StatementError for an invalid `size` or `trail`."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")

@@ -78,7 +78,7 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 class _Colours:
-    """Maps each pixel to the nearest of at most 255 colours: those of a film and their blends with the background."""
+    """Maps each pixel to the nearest of at most 255 colours: a film's colours and their blends with the background."""
 
     def __init__(self, own: tuple[str, ...]) -> None:
         base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))

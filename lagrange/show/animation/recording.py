@@ -142,7 +142,7 @@ def _deviation(row: FloatArray, factor: int) -> float:
 
 
 def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """Return the energies at the samples, by name: those that have a value everywhere. Without E the dict is empty."""
+    """Return the energies at the samples, by name; empty if one of them has no value at some sample."""
     if not solution.has_energy:
         return {}
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)

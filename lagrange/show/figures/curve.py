@@ -345,7 +345,7 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
 
 
 def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return flags (K,) that are set where a flag or a neighbour of it is set."""
+    """Return flags (K,) that are True where a flag, or the flag before or after, is True."""
     wider = flags.copy()
     wider[1:] |= flags[:-1]
     wider[:-1] |= flags[1:]

@@ -115,7 +115,7 @@ def _nullclines(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
     """Return the two coordinates of an orbit on the plane, (k,) each, exact within a pixel.
 
-    NaN separates pieces of the line, such as those of an angle that wraps.
+    NaN separates the pieces of the line: it is cut where an angle wraps.
     """
     first, second = portrait.plane
     rows = [first.row, second.row]

@@ -181,7 +181,10 @@ def _title(runs: Ensemble, what: str) -> str:
 
 
 def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> str:
-    """Draw a map of a quantity over the two varied ones, the first horizontal, and return the remark below it."""
+    """Draw a map of a quantity over the two varied quantities, and return the remark below it.
+
+    The first varied quantity is on the horizontal axis.
+    """
     from matplotlib.colors import ListedColormap
 
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)

@@ -232,7 +232,7 @@ def formula_label(statement: Statement, given: Any) -> str:
 
 
 def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Figure, Axes]:
-    """Return a figure and its axes: those of the user, `ax`, or new axes of a size in inches."""
+    """Return a figure and its axes: the user's axes `ax`, or new axes of a size in inches if `ax` is None."""
     if ax is None:
         figure = new_figure(figsize=size, layout="constrained")
         return on_paper(figure, style), figure.subplots()
@@ -265,7 +265,7 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle
 
 
 def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:
-    """Write a sentence below a figure, unless the axes are those of the user, `ax`."""
+    """Write a sentence below a figure, unless `ax` are axes of the user."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
@@ -358,7 +358,7 @@ class TimePanel:
 
     @property
     def height(self) -> float:
-        """Height of the panel relative to that of a coordinate."""
+        """Height of the panel relative to the height of a panel of a coordinate."""
         return 1.3 if self.wide else 1.0
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:

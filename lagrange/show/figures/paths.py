@@ -356,8 +356,8 @@ class PathPanel:
     def _bounds(self, runs: list[Paths]) -> FloatArray:
         """Return the least and the largest coordinate in each of d directions, (2, d).
 
-        The directions are those of the picture, or those of space for a view from a side. If the panel is to scale,
-        both directions have the same length.
+        The directions are right and up in the picture, or x, y and z for a view from a side. If the panel is to scale,
+        all directions have the same length.
         """
         point_sets = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
         low, high = limits(np.concatenate(point_sets, axis=1))
@@ -366,7 +366,7 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, place: int, style: FigureStyle) -> dict[str, str]:
-        """Return the colour of each moving point: its own, or that of run number `place` if only one point moves."""
+        """Return the colour of each moving point by name; a single point has the colour of run number `place`."""
         hidden = corners(run.links)
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:
@@ -414,7 +414,7 @@ def _title(paths: Paths, shape: str) -> str:
 
 
 def _counted(origin: FloatArray) -> str:
-    """Return a note with the origin that was subtracted from positions in space, whose axes have no room for it."""
+    """Return a note with the origin that was subtracted from positions in space; such axes have no labels for it."""
     parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
     return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 

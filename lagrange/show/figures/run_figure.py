@@ -145,7 +145,7 @@ OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energ
 
 
 def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
-    """Return the names of the coordinates `of`, given by symbol or name; None if it is None.
+    """Return the names of the coordinates `of`, given by symbol or name, or None if `of` is None.
 
     Raises StatementError for anything else.
     """
@@ -221,7 +221,7 @@ def plot_runs(
 
 
 def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
-    """Return the names of runs: those in `given`, else methods, parameters or first values, whichever differ."""
+    """Return the names of runs: the texts `given`, else methods, parameters or first values, whichever differ."""
     if given is not None:
         labels = [given] if isinstance(given, str) else entries(given, "labels")
         if labels is None or len(labels) != len(solutions) or not all(isinstance(label, str) for label in labels):

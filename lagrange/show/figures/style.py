@@ -107,7 +107,7 @@ def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
 
 
 def on_paper(figure: Figure, style: FigureStyle) -> Figure:
-    """Set the background colour of a figure to that of the style, and return the figure."""
+    """Set the background colour of a figure to that of `style`, and return the figure."""
     figure.set_facecolor(style.paper)
     return figure
 

@@ -63,7 +63,7 @@ def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync a folder, so that new names in it survive a power failure, if the system supports this."""
+    """Sync a folder to the disk, if the system supports this, so that new file names survive a power failure."""
     if os.name == "posix":
         with suppress(OSError):
             descriptor = os.open(folder, os.O_RDONLY)

@@ -400,7 +400,7 @@ class LineWriter:
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
     def broken(self, side: Any, room: int) -> list[str]:
-        """Return a side of a formula as lines; the first of them has room for `room` columns."""
+        """Return a side of a formula as lines; the first line has at most `room` columns."""
         if not isinstance(side, sympy.Expr):
             return [self.sides.side(side)]
         plain = self.setter.plainly(side)

@@ -84,7 +84,7 @@ class MathmlNotation(Notation):
         return FormulaPiece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power. An exponent that is plain text, a number or a sign, becomes an element."""
+        """Return a power as one element: `base` with the raised `exponent`."""
         shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
         return FormulaPiece(f"<msup>{base}{shown}</msup>", POWER)
 

@@ -109,7 +109,7 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 
 def word(name: str) -> str:
-    """Return a name without digits in LaTeX: a Latin or Greek letter, or an upright word."""
+    """Return a name without digits in LaTeX: a Latin or Greek letter, or a word in upright letters."""
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"
