@@ -173,7 +173,7 @@ class SeriesProgram:
 
     @cached_property
     def kept(self) -> frozenset[int]:
-        """Values whose coefficients of lower orders are read unchanged."""
+        """Values whose coefficients x[j] of lower orders are read as they are, not multiplied by the order j."""
         return kept_values(self.rules)
 
     @cached_property

@@ -135,9 +135,9 @@ class _Switches:
 
 
 def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
-    """Return the nodes that must not jump within a step: those of the outputs and of every switch.
+    """Return the nodes in outputs and switches that must not jump within a step.
 
-    The angle in sin(3*atan2(y, x)) may jump by 2 pi if it is used nowhere else.
+    The angle in sin(3*atan2(y, x)) is not among them if it is used nowhere else: it may jump by 2 pi.
     """
     found: dict[Node, None] = {}
     waiting = [*outputs]

@@ -140,7 +140,8 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
 def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
     """Raise the floors of entries that are zero to a fraction of their change over a step of length h.
 
-    The change follows from the slope at the start, or `longer` trial steps later if that slope is zero.
+    The change follows from the slope at the start. If this slope is zero, it follows from the slope at the end of the
+    step, which is extrapolated from the trial step; `longer` is h over the length of the trial step.
     """
     work, floors = given.work, given.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]

@@ -95,7 +95,8 @@ def top_of_chain(
 ) -> float:
     """Return the start of Horner's rule for a partial sum: its last coefficient, or the last two combined.
 
-    `first` is the first order of the partial sum, `steps` its number of coefficients, one more if `is_longer`.
+    `first` is the first order of the partial sum, `steps` its number of coefficients, one more if `is_longer`. `fourth`
+    is s**4, and i the entry of the state.
     """
     top, below = row(work, first + 4 * steps, layout)[i], row(work, first + 4 * (steps - 1), layout)[i]
     return fma(top, fourth, below) if is_longer else below
@@ -144,7 +145,7 @@ def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tupl
 
 @inline
 def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequence[Out]:
-    """Return the sums of `horner` for all entries at once, in two arrays."""
+    """Return two arrays with an entry for each entry of the state: the two sums that `horner` returns for one entry."""
     totals, slopes = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     for i in each(layout.padded, **layout.loop):
         totals[i] = 0.0
