@@ -190,7 +190,8 @@ class _ContactRun:
                 model=prepared.model,
                 events=prepared.events,
                 t1=until,
-                largest=self.largest,
+                # A slip in a plane that is smaller than the errors of a run is stiff.
+                largest=None if mode.slowest else self.largest,
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
             if friction is not None:
