@@ -39,7 +39,7 @@ def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
 
 
 def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
-    """Return the residue modulo the prime of every node that the outputs depend on."""
+    """Return {node: residue modulo `PRIME`} for every node that the outputs depend on."""
     chosen = random.Random(1)
     residues: dict[Node, int] = {}
     circle: dict[Node, tuple[int, int]] = {}

@@ -1,9 +1,9 @@
 """Rewriting of long sums in terms of the shorter sums that they contain.
 
-A chain of links states the k-th position as a sum of k terms. SymPy flattens each one, so the sums overlap
-without sharing a node, and every derivative repeats their terms. Here S = a + b + c + d becomes P + d where
-P = a + b + c is a sum of its own: cost falls from quadratic to linear in the length of the chain, in every
-derivative as well.
+In a chain of links, the position of link k is stated as a sum of k terms. SymPy flattens each of these sums, so they
+overlap without sharing a node, and every derivative repeats their terms. Here S = a + b + c + d becomes P + d where
+P = a + b + c is a separate sum: cost falls from quadratic to linear in the length of the chain, in every derivative as
+well.
 """
 
 from __future__ import annotations

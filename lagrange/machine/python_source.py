@@ -45,7 +45,7 @@ def source(procedure: Procedure) -> str:
 def loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function, which returns None, a value or a tuple of values.
 
-    Arrays may be memory views, which are fastest, any objects with indices, or a `Span` of one.
+    Arrays may be memory views (the fastest), other objects with indices, or a `Span` of such an object.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}

@@ -70,10 +70,7 @@ class Record:
 
     @cached_property
     def structure(self) -> type[ctypes.Structure]:
-        """The ctypes class of the record.
-
-        Python sets its fields as attributes; machine code uses the address of an instance.
-        """
+        """The ctypes class of the record. Fields of an instance are attributes; machine code gets its address."""
         types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
         if self.lanes > 1:
             types = {kind: one * self.lanes for kind, one in types.items()}
@@ -247,7 +244,7 @@ class ReserveRecord(NamedTuple):
 
 
 class Part(NamedTuple):
-    """The part of an array from an index on."""
+    """The part of an array from index `place` on."""
 
     ref: int
     array: int

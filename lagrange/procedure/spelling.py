@@ -139,7 +139,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def assign(self, target: str, text: str) -> str:
-        """Return an assignment."""
+        """Return the statement that assigns the text of a value to a target."""
 
     @abstractmethod
     def element(self, array: int, place: int) -> str:

@@ -51,7 +51,7 @@ class Value:
 
 
 class _Ordered(Value):
-    """Operations that reals and wholes share."""
+    """Operations that are common to reals and wholes."""
 
     def _with(self, op: str, *others: Any) -> Any:
         return self.builder.operation(op, self, *others)

@@ -181,7 +181,7 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
     """Write the inverse of each column's matrix after the matrix itself, or NaN if the matrix is singular.
 
-    `a` has shape (order, 2 order, columns), as one array; `INVERT` describes the callback.
+    `a` is a flat array of shape (order, 2 order, columns), as for `INVERT`.
     """
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()

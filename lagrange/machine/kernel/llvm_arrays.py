@@ -52,7 +52,7 @@ METH_FASTCALL = 0x80
 
 
 def _field(name: str, kind: str = "ptr") -> str:
-    """Return the IR lines that read a field of %record."""
+    """Return the IR lines that read a field of the structure `%record`."""
     return f"""  %at.{name} = getelementptr i64, ptr %record, i64 {FIELDS.index(name)}
   %{name} = load {kind}, ptr %at.{name}"""
 

@@ -86,7 +86,7 @@ class LlvmKernel(Shared):
 
     @property
     def prepared_size(self) -> int:
-        """Number of doubles in the array `prepared`."""
+        """Number of doubles in the array `prepared`: parameters, and all values that depend on them alone."""
         return self._size
 
     @property

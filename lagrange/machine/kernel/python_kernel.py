@@ -180,9 +180,9 @@ class PythonKernel:
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls: the printed functions, which check their arguments.
+        """Return quick calls: printed functions that check their arguments.
 
-        That of q and v is printed at its first call.
+        The function of q and v is printed at its first call.
         """
         values = parameters.copy()
         whole = self._whole(values)

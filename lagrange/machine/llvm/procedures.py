@@ -241,7 +241,7 @@ class Printer(Visitor):
     # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Set the operand of the value with the id `ref`. `wide` is true if it has an entry for each iteration."""
+        """Set the operand of the value with the id `ref`. `wide` is true for a vector over iterations."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind

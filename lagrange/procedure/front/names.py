@@ -48,7 +48,7 @@ class Names:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Assign `value` to a name, and return what the name refers to afterwards. `before` is what it referred to.
+        """Assign `value` to a name, and return the object to which the name then refers. `before` is the object before.
 
         If `before` is a variable of an enclosing branch or loop, the variable is set and returned; otherwise `value`
         is.
