@@ -63,7 +63,7 @@ class Stages:
         return self.machine.load(program_of(name, self.equations))
 
     def interpreted(self, name: str) -> Kernel:
-        """Return the interpreted kernel of a quantity, for few evaluations: compilation would take longer."""
+        """Return the interpreted kernel of a quantity. For few evaluations it is faster than compilation."""
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:

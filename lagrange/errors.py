@@ -51,7 +51,7 @@ class SceneError(StatementError):
 
 
 class RunError(LagrangeError):
-    """A run, or one evaluation of a model, without a usable result."""
+    """A run, or one evaluation of a model, has no usable result."""
 
 
 class _Short(reprlib.Repr):
@@ -150,7 +150,7 @@ def abridged(names: Iterable[str], most: int = 8) -> str:
 
 
 def singular(noun: str) -> str:
-    """Return a noun with its article: "a key", "an invariant"."""
+    """Return a singular noun with its article: "a key", "an invariant"."""
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 

@@ -45,7 +45,7 @@ class Help(argparse.HelpFormatter):
     """
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument; for commands, count their indentation."""
+        """Add an argument; for the list of commands, count the indentation of the commands."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment

@@ -96,7 +96,7 @@ def add_race(commands: Any) -> None:
 
 
 def race(request: argparse.Namespace) -> Answer:
-    """Race methods on a scene, write the table and the picture, and return the measurements."""
+    """Race methods on a scene, write the table and the picture, and return the measured errors and times."""
     settings: dict[str, Any] = {
         "methods": None if request.methods is None else [name.strip() for name in request.methods.split(",")],
         **{key: number_list(f"--{key}", getattr(request, key)) for key in ("tolerances", "steps")},

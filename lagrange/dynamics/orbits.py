@@ -162,7 +162,7 @@ def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArr
 
 
 def cut(run: Trajectory, end: float) -> Trajectory:
-    """Return a run shortened to the time `end`, with the state there as its last."""
+    """Return a run that ends at the time `end`; its last state is the one at that time."""
     if not (min(run.span) < end < max(run.span)):
         return run
     short = run_until(run, end)
@@ -199,7 +199,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
 
 
 def until_arrival(window: PlaneWindow, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
-    """Return a run up to its first arrival at an equilibrium, or unchanged if there is none."""
+    """Return a run, cut at its first arrival at one of the equilibria `places`, or unchanged without an arrival."""
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]

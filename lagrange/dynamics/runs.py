@@ -106,7 +106,7 @@ def _of_array(model: Model, given: FloatArray) -> FloatArray:
 
 
 def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
-    """Return the initial state of a statement, overlaid with other entries, (2n,)."""
+    """Return the stated initial state (2n,), with the entries in `overlay` replaced."""
     statement = model.statement
     return np.array(initial_state({} if overlay is None else overlay, statement.coordinates, statement.initial))
 

@@ -315,7 +315,8 @@ def _border(
 ) -> tuple[FloatArray, ...]:
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
-    There are none unless the state has four entries, and the velocity in `row` follows from the energy.
+    Without a prescribed energy there are no lines. There are none either unless the state has four entries, and the
+    velocity in row `row` follows from the energy.
     """
     points = np.concatenate([orbit.states for orbit in done]) if done else np.empty((0, 0))
     names = runs.model.statement.state_names

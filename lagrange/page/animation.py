@@ -74,7 +74,7 @@ class Animation:
 
     @property
     def fps(self) -> float:
-        """Frames per second."""
+        """Number of frames shown in a second."""
         return self.timing.fps
 
     @property

@@ -153,7 +153,7 @@ def _widgets(
 
 
 def _slider(ipywidgets: Any, slider: Slider) -> Any:
-    """Return the widget of a slider. It has no steps, because the browser would round the value to a step."""
+    """Return the widget of a slider. The widget has no steps, because the browser would round the value to a step."""
     label = with_unit(slider.name if slider.kind == PARAMETER else f"{slider.name} at t = 0", slider.unit)
     return ipywidgets.FloatSlider(
         value=slider.value,

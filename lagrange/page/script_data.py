@@ -130,9 +130,9 @@ def _states(statement: Statement) -> list[dict[str, str]]:
 
 
 def _letter(letter: str, dots: int) -> str:
-    """Return the symbol of a coordinate or its velocity for plots.
+    """Return the symbol of a coordinate for plots, or with `dots` the symbol of its velocity, such as dx/dt.
 
-    It has no dot, which would be too small on a screen.
+    A dot above the letter would be too small on a screen.
     """
     return f"d{letter}/dt" if dots else letter
 

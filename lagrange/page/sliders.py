@@ -74,7 +74,7 @@ def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
 
 
 def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
-    """Return the bounds of the sliders that the user chose, by name, from a dict by symbol or name.
+    """Return the bounds of the sliders that the user chose, by name. `asked` is a dict by symbol or name.
 
     Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """

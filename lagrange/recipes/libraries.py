@@ -30,7 +30,7 @@ def missing(method: str, command: str, error: ImportError) -> StatementError:
 
 
 def quantity_program(model: Model, quantity: str) -> Program:
-    """Return the program of a quantity by name. Raises StatementError for an unknown one."""
+    """Return the program of a quantity by name. Raises StatementError for an unknown name."""
     return model.interpreted(quantity).program
 
 
@@ -81,7 +81,10 @@ class JaxFunction:
 
 
 def jax_function(model: Model, quantity: str) -> JaxFunction:
-    """Return a quantity for JAX. Raises StatementError without JAX, and if JAX computes in single precision."""
+    """Return a quantity as a function for JAX.
+
+    Raises StatementError without JAX, and if JAX computes in single precision.
+    """
     program = quantity_program(model, quantity)
     try:
         import jax
@@ -123,7 +126,7 @@ class NumbaFunction:
 
 
 def numba_function(model: Model, quantity: str) -> NumbaFunction:
-    """Return a quantity for Numba. Raises StatementError without Numba, and on the numpy target."""
+    """Return a quantity as functions for Numba. Raises StatementError without Numba, and on the numpy target."""
     kernel: Any = model.kernel(quantity)
     address = kernel.address
     try:

@@ -116,7 +116,7 @@ class TextPage(Page):
     """Plain text, in the spelling of scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return headings with indented rows."""
+        """Return a text of headings and indented rows."""
         lines = [plain_text(self.title)]
         lines += [plain_text(text) for text in (self.above.author, self.above.date, self.above.problem) if text]
         for section in sections:
@@ -138,13 +138,13 @@ class TextPage(Page):
 
 
 class UnicodePage(TextPage):
-    """Text in Unicode, with Greek letters, dots and superscripts."""
+    """Writer of text in Unicode, with Greek letters, dots and superscripts."""
 
     notation = UnicodeNotation
 
 
 class LatexPage(Page):
-    """A LaTeX document."""
+    """Writer of a LaTeX document."""
 
     spoken: ClassVar[Mapping[str, str]] = {
         "v.p - L": "$\\sum_i \\dot q_i p_i - L$",
@@ -168,7 +168,7 @@ class LatexPage(Page):
         return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
 
     def in_one_line(self, line: FormulaLine) -> str:
-        """Return a formula that consists of one line."""
+        """Return the text of a formula that consists of one line."""
         return f"{line.left} = {line.right}" if line.left else line.right
 
     def write(self, sections: Sequence[Section]) -> str:
@@ -238,10 +238,10 @@ class LatexPage(Page):
 
 
 class MarkdownPage(LatexPage):
-    """Markdown with LaTeX formulas."""
+    """Writer of Markdown with LaTeX formulas."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return headings, sentences, and formulas between double dollar signs."""
+        """Return Markdown with headings, sentences, and formulas between double dollar signs."""
         lines = [f"# {markdown_text(self.title)}"]
         for text in (self.above.author, self.above.date, self.above.problem):
             lines += ["", markdown_text(text)] if text else []

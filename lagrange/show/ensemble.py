@@ -295,7 +295,7 @@ class Ensemble:
             yield column.name, rows, column.dimensions
 
     def _variables_of(self, column: Column) -> list[str]:
-        """Return the names of the variables of a column; a column of states has one for each entry."""
+        """Return the names of a column's variables in a Dataset; a column of states has a variable for each entry."""
         if column.name not in (STATE, OUTPUTS):
             return [column.name]
         suffixed = column.name == STATE and self.problem.t_eval is not None

@@ -306,7 +306,10 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
     left = _LEFT if scene is None or scene.box is None else _RIGHT
 
     def part(x: float, y: float, wide: float, high: float) -> tuple[float, float, float, float]:
-        """Return a rectangle as fractions of the picture, from distances in points from its left and top edges."""
+        """Return a rectangle as fractions of the picture. `x` and `y` are its distances from the left and top edges.
+
+        `wide` and `high` are its width and height; all lengths are in points.
+        """
         return x / across, 1 - (y + high) / down, wide / across, high / down
 
     start, first = (border, top) if side_by_side else (0.0, top + free + under)

@@ -111,7 +111,7 @@ its extent. It is half a pixel."""
 
 
 def thinned(recording: Recording) -> Recording:
-    """Return the recording with the fewest samples between its frames that keep every curve exact."""
+    """Return the recording with fewer samples between its frames: the fewest with which every curve looks the same."""
     groups = [[row for point in recording.points.values() for row in point], [*recording.energies.values()]]
     groups += [[row] for row in recording.states[: len(recording.statement.names)]]
     rows = [(row, max(map(np.ptp, group), default=0.0)) for group in groups for row in group]

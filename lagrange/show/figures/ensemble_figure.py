@@ -227,7 +227,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 
 def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
-    """Draw the quantity `found` against the only varied one, with a cross at the bottom for each failed member."""
+    """Draw the quantity `found` against the only varied quantity; a cross at the bottom marks each failed member."""
     (varied, values), *_ = (
         (name, axis_values) for name, axis_values in runs.table.varied.axes.items() if len(axis_values) > 1
     )

@@ -188,7 +188,7 @@ def _invariant(name: str, first: float, size: float) -> PanelQuantity:
 
 
 def multipliers(solution: Solution) -> list[PanelQuantity]:
-    """Return the multiplier of each constraint."""
+    """Return the multiplier of each constraint over time, one quantity for each."""
     names = list(solution.multipliers)
     if not names:
         raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
@@ -202,7 +202,7 @@ def _multiplier(name: str) -> PanelQuantity:
 
 
 def violation(solution: Solution) -> PanelQuantity:
-    """Return the largest violation of the constraints, relative to the sizes of their terms."""
+    """Return the largest violation of the constraints over time, relative to the sizes of the constraints' terms."""
     if not solution.model.statement.constraints:
         raise StatementError(
             f"{solution.model.statement.name} has no constraints, and so no violation of them to plot."

@@ -90,7 +90,7 @@ def real_path(path: str | os.PathLike[str]) -> Path:
 
 
 def check_place(path: str | os.PathLike[str]) -> None:
-    """Raise an error for a path that cannot be written, before its content is computed."""
+    """Raise StatementError or RunError for a path that cannot be written, before its content is computed."""
     target = real_path(path)
     try:
         old_mode(target)
