@@ -113,7 +113,7 @@ class Page(ABC):
 
 
 class TextPage(Page):
-    """Plain text, in the spelling of scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
+    """Writer of plain text, spelled as in scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a text of headings and indented rows."""

@@ -265,7 +265,11 @@ class Race:
         return write_atomically(path, self._csv)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
-        """Write the picture of `plot()`, with `dpi` dots per inch. Raises the same errors as `to_csv`."""
+        """Write the picture of `plot()`, with `dpi` dots per inch.
+
+        Raises StatementError for a path that cannot be written or without a run that reached its end, RunError if the
+        disk is full.
+        """
         return write_atomically(path, picture(self.plot, dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:

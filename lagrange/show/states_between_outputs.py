@@ -86,7 +86,8 @@ class _Between:
     def test(self) -> None:
         """Raise StatementError if a polynomial does not satisfy the equations of motion in the middle of its interval.
 
-        In the middle of an interval of length h the error is c h^6/64, and that of the second derivative is 3 c h^4/8.
+        For an interval of length h there is a constant c such that the error in the middle is c h^6/64, and the error
+        of the second derivative there is 3 c h^4/8.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

@@ -119,7 +119,7 @@ class Notation:
         return self.power_of(f"{name}({', '.join(argument.text for argument in arguments)})", exponent)
 
     def power_of(self, value: str, exponent: str) -> FormulaPiece:
-        """Return a text, the value of a function, raised to the exponent if there is one."""
+        """Return `value`, the text of a function's value, raised to `exponent` unless that is empty."""
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
