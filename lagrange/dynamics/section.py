@@ -315,8 +315,9 @@ def _border(
 ) -> tuple[FloatArray, ...]:
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
-    Without a prescribed energy there are no lines. There are none either unless the state has four entries, and the
-    velocity in row `row` follows from the energy.
+    There are lines only if the energy is prescribed, the state has four entries, and the velocity that follows from the
+    energy, in row `row`, is not one of the axes. `start` has the entries that are not drawn. The points of the orbits
+    `done` determine where the border is searched.
     """
     points = np.concatenate([orbit.states for orbit in done]) if done else np.empty((0, 0))
     names = runs.model.statement.state_names

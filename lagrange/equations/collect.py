@@ -69,7 +69,8 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
     """Return True if merging terms with powers of factor `k`, a sum in parentheses, may shorten the whole sum.
 
-    This needs different exponents of the factor in `terms`, or a whole exponent, or as many terms as the factor has.
+    It may if the exponents of the factor differ between terms, if an exponent is whole, so that the power can be
+    multiplied out, or if at least as many terms contain the factor as it has terms itself.
     """
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)

@@ -328,7 +328,10 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if L is short and the energy is T + V: T has degree two in the velocities, and V contains none."""
+        """True if the stated T + V may be shown as the energy v . p - L, to which it is equal, and L is short.
+
+        They are equal if T is homogeneous of degree two in the velocities, and V does not contain velocities.
+        """
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential

@@ -1,1 +1,1 @@
-"""The machines that run programs: NumPy with printed Python, and machine code through LLVM."""
+"""The machines that run programs: one prints them as Python for NumPy, the other compiles machine code with LLVM."""

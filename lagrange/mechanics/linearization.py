@@ -131,7 +131,10 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def _inverse(self) -> Any:
-        """Inverse of M, or of C if `first_order`. Raises StatementError if that matrix is singular at the point."""
+        """Inverse of the mass matrix M, or of the damping matrix C if `first_order`.
+
+        Raises StatementError if that matrix is singular at the point.
+        """
         matrix, what = (self.C, "damping matrix C") if self.first_order else (self.M, "mass matrix")
         shortener = Shortener("the inverse of the " + what, vanishes_in_symbols)
         try:

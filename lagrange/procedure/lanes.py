@@ -121,9 +121,9 @@ class MemberProcedures:
 
 
 class _Rewriter(Visitor, MemberStatements):
-    """Rewrites one procedure for one signature. Ids of the original procedure are "old".
+    """Rewrites one procedure for many members. The signature says which arguments differ between members.
 
-    `level` is the number of enclosing branches that only some members take.
+    Ids of the original procedure are "old". `level` is the number of enclosing branches that only some members take.
     """
 
     def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:

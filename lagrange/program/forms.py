@@ -29,10 +29,11 @@ nothing.
 
 @dataclass(frozen=True)
 class Momentum:
-    """A momentum as a sum of `terms`, integrals and other momenta, up to a constant.
+    """A momentum, up to a constant, as a sum of three parts: products, integrals along the motion, other momenta.
 
-    `swept` has (c, C, Y) for each integral of c C dY, with a number c and nodes C and Y. `inner` has (c, s, node) for
-    each term c * s times the momentum `node`, with a number c and a node s that is constant in time.
+    `terms` are (number, node) for each product. `swept` has (c, C, Y) for each integral of c C dY, with a number c and
+    nodes C and Y. `inner` has (c, s, node) for each term c * s * p, where p is another momentum, given by its `node`; c
+    is a number, and the node s is constant in time.
     """
 
     terms: LinearTerms = ()

@@ -195,7 +195,11 @@ class _ByOrder(ChunkAt):
 
 
 def _kept(packing: Packing) -> Iterator[Operand]:
-    """Yield the operands that later orders read: the factors of sums, and the operands read at the next order."""
+    """Yield the operands whose coefficients are stored, since later orders read them.
+
+    These are the factors of sums, the operands that the next order reads, dq/dt, and with several lanes also operands
+    that are read at order 0.
+    """
     yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
     yield from (*packing.delayed, *packing.rates)
     if packing.lanes > 1:

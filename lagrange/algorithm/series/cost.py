@@ -95,7 +95,7 @@ def operations(packing: Packing, order: int) -> int:
 
 
 def single_operations(packing: Packing, order: int) -> int:
-    """Return the number of operations on single numbers of a series that is written out."""
+    """Return the number of operations of a written-out series (without loops) that is computed without vectors."""
     summed = sum(chunk.count * len(chunk.sums) for chunk in packing.computed)
     values = sum(chunk.count for chunk in packing.computed)
     return summed * order * (order - 1) // 2 + 3 * values * order + len(packing.program.start.instructions)

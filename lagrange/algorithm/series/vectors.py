@@ -92,10 +92,11 @@ TILE = 24
 
 
 class OrderSum(NamedTuple):
-    """A vector of sums of x[j] y[k-j], whose totals are adjacent from index `place` on.
+    """A vector of sums of x[j] y[k-j] over 0 < j < k. Its totals are stored one after the other from `place` on.
 
-    `pair` are the factors (x, y) in their given order. They are read from rows as `lower` at order j and as `upper` at
-    order k - j. Sums with the same `upper` factor are adjacent and read it once.
+    `pair` are the factors (x, y) as the rule names them. One of them is `lower`, which is read at order j; the other is
+    `upper`, read at order k - j. Exchanging them does not change the sum. Sums with the same `upper` factor are
+    adjacent, and read it once.
     """
 
     place: int

@@ -140,9 +140,9 @@ class Layout:
 class SolveLayout:
     """Offsets of the data of one solve in the work array, from `start` on: record, vectors of unknowns, and matrices.
 
-    A vector of unknowns consists of the unknown vectors of the solve, each padded. Three matrices are stored by
-    columns: the negative inverse of the Newton matrix, the damping matrices, and the derivative of the law. Space for a
-    matrix to be inverted follows, by rows `stride` apart.
+    A vector of unknowns consists of all unknown vectors of the solve, one after the other, each padded to `width`. The
+    matrices are stored by columns: the negative inverse of the Newton matrix, one matrix for each damping action, and
+    the derivative of the law. Space for a matrix to be inverted follows, with its rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:

@@ -21,7 +21,7 @@ undefined; a law is undefined if a matrix is singular.
 
 @record
 class Run:
-    """The real numbers of a run."""
+    """The real numbers in the state of a run; `Counts` has its counts and flags."""
 
     t: float
     """Time of the state."""

@@ -39,10 +39,10 @@ def vectors_of(
     ratio: float = 1.0,
     state: Out | None = None,
 ) -> StepVectors:
-    """Return the vectors of a step, with the values of all coefficients that `calls` and `combinations` need.
+    """Return the vectors of a step in the work array, with the values of the coefficients that their formulas need.
 
-    `nodes` are further coefficients to evaluate. They depend on t, h and the `ratio` of h to the length of the previous
-    step. `state` has the entries of the state, if they are kept in registers.
+    The coefficients are those in `calls` and `combinations`, and also `nodes`. They depend on t, h and the `ratio` of h
+    to the length of the previous step. `state` has the entries of the state, if they are kept in registers.
     """
     combined = [*[argument for call in calls for argument in call.arguments], *combinations]
     factors = [factor for combination in combined for _, factor in combination]

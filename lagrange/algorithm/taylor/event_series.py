@@ -89,7 +89,10 @@ def event_noise(
 
 @inline
 def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any) -> None:
-    """Write the noise of the watched functions to the scratch memory, which has their values at the `state`."""
+    """Write the noise of the watched functions to the scratch memory: their errors due to rounding of the `state`.
+
+    The scratch memory must contain their values at the `state`.
+    """
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
     sizes, moved = (layout.dimension, layout.watched), moved_state(watched, layout)
     event_noise(watched.values, numbers, watched.tilts, t, *sizes, state, values, noise, moved)

@@ -247,9 +247,9 @@ def own_numbers(watched: Watched) -> Any:
 
 @inline
 def side(watched: Watched, block: int, layout: Any) -> Any:
-    """Return one block of the sides, with an entry for each watched function.
+    """Return one block of the array `sides`, with an entry for each watched function.
 
-    `block` is `SIGN`, `NEAR`, `STARTING` or `COUNT`.
+    The block `SIGN` has the side of zero on which each function is; the others are `NEAR`, `STARTING` and `COUNT`.
     """
     return watched.sides[layout.watched * block :]
 

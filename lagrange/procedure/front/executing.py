@@ -82,7 +82,7 @@ class Exact:
         return Ways(range(*bounds))
 
     def sequence(self, values: Any) -> Ways:
-        """Return a loop over a tuple, or over the values of an inline generator."""
+        """Return the iterable of a `for` loop over a tuple, or over the values of an inline generator."""
         return Ways(values)
 
     def repeat(self) -> Ways:

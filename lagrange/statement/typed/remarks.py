@@ -81,7 +81,7 @@ class Word:
 
 
 def kind_of(text: str) -> int:
-    """Return the kind of a word that the system does not know."""
+    """Return the kind of a word that is not a symbol of the system: `FORMULA`, `NAME`, `WORD` or `SHORT`."""
     lower = text.lower()
     if lower in (*OPERATIONS, *_UNREAD):
         return FORMULA

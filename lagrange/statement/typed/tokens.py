@@ -258,7 +258,10 @@ class _Scanner:
 
 
 def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
-    """Return the letter at an offset as names spell it, the number of dots above it, and the next offset."""
+    """Return the letter at an offset, the number of dots above it, and the offset after it.
+
+    A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks is kept, with no dots.
+    """
     begin, place = place, place + 1
     while place < end and unicodedata.combining(text[place]):
         place += 1

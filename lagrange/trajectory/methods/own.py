@@ -102,7 +102,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
 
 @lru_cache(maxsize=64)
 def _program(name: str, function: Callable[..., Any]) -> StepProgram:
-    """Return the step program that records the step function."""
+    """Return the step as a program: the operations that a call of the step function records."""
 
     def guarded(*arguments: Any) -> Any:
         try:
