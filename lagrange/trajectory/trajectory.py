@@ -138,7 +138,8 @@ class Trajectory:
     contacts: Any = None
 
     def __repr__(self) -> str:
-        reached = f"{self.steps} steps of {self.method} from t = {self.span[0]:g} to {self.span[1]:g}"
+        method = self.method if isinstance(self.method, str) else shown(self.method)
+        reached = f"{shown(self.steps)} steps of {method} from t = {self.span[0]:g} to {self.span[1]:g}"
         return f"<Trajectory: {reached}, {len(self.t)} outputs, {self.status.value}>"
 
     def __post_init__(self) -> None:
