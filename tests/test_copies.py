@@ -179,7 +179,7 @@ def test_copies_leave_nothing_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
     kernel: Any = pendulum().compile().kernel("rhs")
     series = pendulum().compile().series()[0]
-    jet = SeriesDriver(series.code(8), 8, pendulum().compile().parameter_array())
+    jet = SeriesDriver(pendulum().compile().machine, series.code(8), 8, pendulum().compile().parameter_array())
     for thing in (kernel, series, kernel._module, run("taylor").trajectory):
         copy.deepcopy(thing)
     with pytest.raises(ValueError, match="pickled"):

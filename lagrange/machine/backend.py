@@ -246,9 +246,6 @@ class SeriesCode(Protocol):
     def load(self, program: Program) -> Kernel:
         """Return the kernel of a program."""
 
-    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
-        """Return a kernel as a function on arrays that procedures call, with its parameters."""
-
 
 class Machine(Protocol):
     """A back end that loads programs and runs them, such as LLVM or NumPy."""

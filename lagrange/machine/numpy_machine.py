@@ -10,9 +10,7 @@ from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.machine.backend import Callback, DensePath, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyStepDense
-from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.python_kernel import PythonKernel
-from lagrange.machine.kernel.straight_lines import fits
+from lagrange.machine.kernel.python_kernel import kernel_in_python
 from lagrange.machine.printed_run import PrintedProcedure, between_arrays, called
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.steps.driver import StepDriver
@@ -40,7 +38,7 @@ class NumpyMachine:
 
     def load(self, program: Program) -> Kernel:
         """Return the program as printed Python. Programs with a large linear system are interpreted."""
-        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
+        return kernel_in_python(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
         """Return a series program that is ready to run. Its instructions are interpreted."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import ctypes
 import enum
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -498,6 +498,26 @@ def walk(block: Block) -> Iterator[Statement]:
 def calls(block: Block) -> list[Call]:
     """Return every call in a block, in order."""
     return [statement for statement in walk(block) if isinstance(statement, Call)]
+
+
+def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
+    """Return the procedures and their transitive callees, callees first. Callees in `elsewhere` are left out.
+
+    Procedures that only such callees call are left out too.
+    """
+    reached: dict[Procedure, None] = {}
+
+    def reach(procedure: Procedure) -> None:
+        if procedure in reached:
+            return
+        for call in calls(procedure.body):
+            if isinstance(call.callee, Procedure) and call.callee not in elsewhere:
+                reach(call.callee)
+        reached[procedure] = None
+
+    for procedure in procedures:
+        reach(procedure)
+    return list(reached)
 
 
 def assigned(block: Block) -> tuple[int, ...]:

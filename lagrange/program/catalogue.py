@@ -168,19 +168,30 @@ def _lowered(name: str, equations: Equations) -> Program:
     """Return a new program of a quantity of the system."""
     quantity = {**quantities_of(equations), **LAW_QUANTITIES}[name]
     results = quantity.results(equations)
+    inputs = quantity.inputs(equations)
     count = sum(map(len, results.values()))
     rows = math.isqrt(count) if quantity.rows is None else quantity.rows(equations)
     shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
     return lower(
         name,
         results,
-        quantity.inputs(equations),
+        inputs,
         equations.time,
         equations.parameters,
         shape=shape,
-        returned=quantity.returned if tuple(equations.rate) == tuple(equations.v) else (),
+        returned=_returned(quantity, results, inputs),
         solved=quantity.solved,
     )
+
+
+def _returned(quantity: Quantity, results: Named, inputs: Named) -> tuple[str, ...]:
+    """Return the names of the results that a kernel returns: those of the quantity, if all others are inputs.
+
+    Otherwise return no names: then a kernel writes all results.
+    """
+    symbols = {symbol for block in inputs.values() for symbol in block}
+    others = (node for name, nodes in results.items() if name not in quantity.returned for node in nodes)
+    return quantity.returned if all(node in symbols for node in others) else ()
 
 
 def lower_nodes(

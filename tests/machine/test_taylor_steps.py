@@ -23,6 +23,8 @@ from lagrange.machine import llvm_machine
 from lagrange.machine.llvm import engine, tiers
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.object_code import ObjectCode
+from lagrange.machine.llvm_machine import LlvmMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries
@@ -121,8 +123,8 @@ def drivers(name: str, order: int) -> tuple[Statement, list[Any]]:
     given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
     compiled = [CompiledJet(pack(program, lanes), which) for lanes, which in ((8, order), (1, order), (4, 0))]
     return statement, [
-        SeriesDriver(NumpySeries(program), order, given),
-        *(SeriesDriver(jet, order, given) for jet in compiled),
+        SeriesDriver(NumpyMachine(), NumpySeries(program), order, given),
+        *(SeriesDriver(LlvmMachine(), jet, order, given) for jet in compiled),
     ]
 
 
@@ -210,7 +212,7 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
     for budget in (1, 30):
         looks.clear()
         values = np.array([statement.defaults[p] for p in statement.parameters])
-        driver = SeriesDriver(NumpySeries(program), 14, values)
+        driver = SeriesDriver(NumpyMachine(), NumpySeries(program), 14, values)
         state = S(0.0, 2.0, np.array(statement.initial), 1e-8, 1e-8, 0.0)
         state.reals[S.LONGEST] = 0.1
         while driver.advance(state, budget, np.zeros(budget), np.zeros((budget + 4, 4))) is Outcome.PAUSED:

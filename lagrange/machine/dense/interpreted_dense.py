@@ -156,13 +156,16 @@ class NumpyStepDense(NumpyDense):
         write(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)
 
 
-def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
-    """Write the polynomials of a block of Taylor steps. `jet` computes the series; `width` is the length of its rows.
+def write_series(
+    jet: Callable[..., bool], numbers: FloatArray, dimension: int, width: int, order: int, *arrays: Any
+) -> None:
+    """Write the polynomials of a block of Taylor steps. `jet` computes the series from `numbers`, its parameters.
 
-    `arrays` are the arrays of `NumpyDense.write`: `own`, `beside`, `work` and `out`.
+    `width` is the length of a row of the series. `arrays` are the arrays of `NumpyDense.write`: `own`, `beside`, `work`
+    and `out`.
     """
     write = _loaded(series_polynomial.form(), by_arrays=True)
-    write(jet, None, None, order, width, dimension, dimension, *arrays)
+    write(jet, numbers, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +12,7 @@ from lagrange.algorithm.events.event_steps import event_steps
 from lagrange.algorithm.events.step_samples import work_size
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import DensePath, FloatArray
-from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.kernel.llvm_kernel import cached_kernel
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.state import DriverState
@@ -56,8 +55,8 @@ class LlvmEventSteps:
         # Implicit methods take long steps: a cubic through the ends of a step is not a safe screen for them.
         screens = screen is not None and not self._written.both
         self._screen = screen.polynomial() if screen is not None and screens else self._written
-        self._kernel = kernel = _compiled(events)
-        self._resets = kernel if resets is None else _compiled(resets)
+        self._kernel = kernel = cached_kernel(events)
+        self._resets = kernel if resets is None else cached_kernel(resets)
         n, count = events.states, events.shape[0]
         written, prepared = self._written, kernel.prepare(parameters)
         self.both = written.both
@@ -120,9 +119,3 @@ def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
     """Return the arguments of the loop that are arrays and records of the run's memory, by name."""
     arrays = {name: getattr(memory, name) for name in STANDING}
     return {**arrays, "review": memory.review, "event_run": memory.run}
-
-
-@lru_cache(maxsize=64)
-def _compiled(program: Program) -> LlvmKernel:
-    """Return the kernel of a program in machine code, cached for other runs."""
-    return LlvmKernel(program)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from operator import itemgetter
 from typing import Any
@@ -194,6 +194,12 @@ class LlvmKernel(Shared):
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
         return module, columns(module.address(f"{self._program.name}_columns"))
+
+
+@lru_cache(maxsize=64)
+def cached_kernel(program: Program) -> LlvmKernel:
+    """Return the kernel of a program in machine code, compiled once for all runs."""
+    return LlvmKernel(program)
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMassMatrix
 from lagrange.machine.calls import nothing
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
@@ -94,6 +94,11 @@ from numpy import sign
 """
 
 COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers} rows b to work with.\n"
+
+
+def kernel_in_python(program: Program) -> Kernel:
+    """Return the kernel of a program, printed as Python. Programs with a large linear system are interpreted."""
+    return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
 
 def printed(program: Program) -> str:

@@ -19,9 +19,16 @@ from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import KINDS, argument_type, result_type, separated
 from lagrange.machine.llvm.procedures import declaration, function, joined
 from lagrange.machine.llvm.tiers import TieredModule
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, calls
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_callees
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+@lru_cache(maxsize=256)
+def _function_at(place: int) -> Any:
+    """Return the compiled function at an address, from a cache: making one takes about as long as a call."""
+    return _CALL(place)
+
 
 STEPS = ("budget", "times", "rows")
 """Names of the last parameters of loops over steps; see `CompiledProcedure.steps`."""
@@ -47,6 +54,8 @@ class CompiledProcedure(Shared):
         self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
         self.reals = frozenset(parameter.name for parameter in procedure.parameters if parameter.type is REAL)
         self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
+        self.only_whole = len(kinds) if procedure.results == (WHOLE,) else None
+        """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
         text = called_ir(procedure, elsewhere)
         passes = {"optimize": optimize, "merge": not optimize}
         self.module = TieredModule(text, "run", needs=needs, **passes) if tiers else Module(text, **passes)
@@ -57,13 +66,17 @@ class CompiledProcedure(Shared):
 
         The function changes when code is compiled again.
         """
-        return _CALL(self.module.address if isinstance(self.module, TieredModule) else self.module.address("run"))
+        return _function_at(self._address("run"))
 
     @property
     def steps(self) -> int:
         """Address of the function `steps`, with which another compiled loop takes steps of this one."""
+        return self._address("steps")
+
+    def _address(self, name: str) -> int:
+        """Return the address of a function of the best module that is compiled so far."""
         module = self.module
-        return module.address_of("steps") if isinstance(module, TieredModule) else module.address("steps")
+        return module.address_of(name) if isinstance(module, TieredModule) else module.address(name)
 
     def bound(self) -> CompiledCall:
         """Return memory for arguments, with which the procedure can be called again and again."""
@@ -89,9 +102,6 @@ class CompiledCall:
         self._reals: Any = self.words.view(np.float64).data
         self._address = address(self.words)
         self._kept: dict[str, Any] = {}
-        kinds = [kind for _, kind in code.results]
-        self._only_whole = code.results[0][0] if kinds == [WHOLE] else None
-        """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
@@ -106,8 +116,8 @@ class CompiledCall:
     def __call__(self) -> Any:
         """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
         self._run(self._address)
-        if self._only_whole is not None:
-            return self._wholes[self._only_whole]
+        if self.code.only_whole is not None:
+            return self._wholes[self.code.only_whole]
         results = [self._result(place, kind) for place, kind in self.code.results]
         return results[0] if len(results) == 1 else tuple(results) or None
 
@@ -162,21 +172,6 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
     if [parameter.name for parameter in procedure.parameters][-len(STEPS) :] == list(STEPS):
         functions.append(_steps(procedure))
     return joined(functions, [declaration(callee) for callee in elsewhere])
-
-
-def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
-    """Return the procedures and their transitive callees, callees first. Callees in `elsewhere` are left out.
-
-    Procedures that only such callees call are left out too.
-    """
-    reached: dict[Procedure, None] = {}
-    for procedure in procedures:
-        called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
-        reached |= dict.fromkeys(
-            transitive_callees([callee for callee in called if callee not in elsewhere], elsewhere)
-        )
-        reached[procedure] = None
-    return list(reached)
 
 
 def _steps(procedure: Procedure) -> str:

@@ -90,6 +90,7 @@ from lagrange.procedure.form import (
     When,
     Write,
     assigned,
+    transitive_callees,
 )
 from lagrange.procedure.visit import Visitor, visits
 
@@ -129,12 +130,9 @@ numbers. Spills are aligned to cache lines. Code that runs once per set of param
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
     """Return the IR of procedures and their transitive callees, excluding those defined in other modules."""
-    wanted: dict[Procedure, None] = {}
-    for procedure in procedures:
-        wanted |= dict.fromkeys(one for one in (*procedure.callees, procedure) if one not in hidden_by(elsewhere))
-    declared = [declaration(one) for one in dict.fromkeys(elsewhere)]
-    made = [function(one, hidden=one not in dict.fromkeys(procedures)) for one in wanted]
-    return joined(made, declared)
+    reached = transitive_callees(procedures, elsewhere)
+    functions = [function(each, hidden=each not in procedures) for each in reached]
+    return joined(functions, [declaration(each) for each in dict.fromkeys(elsewhere)])
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
@@ -143,14 +141,6 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
     )
-
-
-def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
-    """Return the procedures that another module defines: `elsewhere` and their transitive callees."""
-    found: dict[Procedure, None] = {}
-    for procedure in elsewhere:
-        found |= dict.fromkeys((*procedure.callees, procedure))
-    return found
 
 
 def declaration(procedure: Procedure) -> str:

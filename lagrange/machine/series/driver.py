@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lagrange.algorithm.taylor.memory import HELD
-from lagrange.machine.backend import FloatArray, SeriesCode
+from lagrange.machine.backend import FloatArray, Machine, SeriesCode
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome, Outputs
@@ -26,8 +26,8 @@ class SeriesDriver:
     The parameters may change during a run. With switching surfaces the array ends with their sides, (k + sides,).
     """
 
-    def __init__(self, code: SeriesCode, order: int, parameters: FloatArray) -> None:
-        self._code, self._call = code, code.loop.bound()
+    def __init__(self, machine: Machine, code: SeriesCode, order: int, parameters: FloatArray) -> None:
+        self._machine, self._code, self._call = machine, code, code.loop.bound()
         self._work = workspace(code.layout.size(order))
         self._y = self._work[: code.layout.dimension]
         self._call.give(jet=code.function, work=self._work, held=HELD.structure(), order=order)
@@ -48,7 +48,7 @@ class SeriesDriver:
         """Continue with other parameters (k,), followed by the sides of switching surfaces: one array (k + sides,)."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
-            callback = code.callback(self._projection, parameters[: len(parameters) - code.program.sides])
+            callback = self._machine.callback(self._projection, parameters[: len(parameters) - code.program.sides])
             self._call.give(projection=callback.function, projection_numbers=callback.numbers)
         numbers, sizes = code.joined(parameters, None if memory is None else memory.values)
         if memory is None or not memory.surfaces:
@@ -76,11 +76,11 @@ class SeriesDriver:
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
         self._call.give(**{name: getattr(memory, attribute) for name, attribute in WATCHED})
         if memory.values is not None:
-            self._call.give(values=code.callback(memory.values, self._parameters).function)
+            self._call.give(values=self._machine.callback(memory.values, self._parameters).function)
         self.use(self._parameters)
         if memory.resets is not None:
             self._resets = code.load(memory.resets.program)
-            callback = code.callback(self._resets, memory.parameters)
+            callback = self._machine.callback(self._resets, memory.parameters)
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:

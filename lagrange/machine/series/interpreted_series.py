@@ -12,13 +12,11 @@ import numpy as np
 from lagrange.algorithm.series.cost import Cost, best_order
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
-from lagrange.machine.backend import Callback, FloatArray, Kernel, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
-from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.python_kernel import PythonKernel
-from lagrange.machine.kernel.straight_lines import fits
-from lagrange.machine.printed_run import PrintedProcedure, between_arrays
+from lagrange.machine.kernel.python_kernel import kernel_in_python
+from lagrange.machine.printed_run import PrintedProcedure
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -71,7 +69,7 @@ class NumpySeries(Shared):
     @property
     def function(self) -> Callable[..., bool]:
         """The Python function that computes the series."""
-        return _with_numbers(self)
+        return _between_arrays(self)
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
         """Return one array of the parameters of the series and of the event functions, and the length of each part.
@@ -86,11 +84,7 @@ class NumpySeries(Shared):
 
     def load(self, program: Program) -> Kernel:
         """Return the kernel of a program. Programs with a large linear system are interpreted."""
-        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
-
-    def callback(self, kernel: Kernel, parameters: FloatArray) -> Callback:
-        """Return a kernel as a Python function and its parameters."""
-        return Callback(between_arrays(kernel), parameters)
+        return kernel_in_python(program)
 
     def code(self, order: int) -> NumpySeries:
         """Return the series itself, which serves every order."""
@@ -158,31 +152,21 @@ class NumpySeriesDense(NumpyDense):
 
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
         """Write the polynomials of a block of `columns` steps to `out`, from the series at the start of each step."""
-        jet = _between_arrays(self.series, self.parameters)
-        write_series(jet, self.dimension, self.width, self.order, columns, own, beside, work, out)
+        jet = _between_arrays(self.series)
+        write_series(jet, self.parameters, self.dimension, self.width, self.order, columns, own, beside, work, out)
 
 
-def _with_numbers(series: NumpySeries) -> Callable[..., bool]:
-    """Return a series as the function that the loop over steps calls. It reads parameters and sides from an array."""
-    count = series.program.constants.parameters
-
-    def jet(t: float, scale: float, y: Any, numbers: Any, constants: Any, rows: Any, order: int) -> bool:
-        between = _between_arrays(series, np.asarray(numbers[:count]))
-        return between(t, scale, y, numbers, constants, rows, order)
-
-    return jet
-
-
-def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
-    """Return a series for fixed parameters as the function that the loop over steps calls.
+def _between_arrays(series: NumpySeries) -> Callable[..., bool]:
+    """Return a series as the function that procedures call. It reads parameters and sides from an array.
 
     It returns True for a singular matrix. The array of the state has 2n entries, then their 2n rounding errors.
     """
+    states, count = series.program.states, series.program.constants.parameters
 
-    def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:
-        state = np.frombuffer(y, count=2 * series.program.states).reshape(2, -1)
+    def jet(t: float, scale: float, y: Any, numbers: Any, _: Any, rows: Any, order: int) -> bool:
+        state = np.frombuffer(y, count=2 * states).reshape(2, -1)
         try:
-            coefficients = series.rows(order, t, state[0], scale, parameters, state[1])
+            coefficients = series.rows(order, t, state[0], scale, np.asarray(numbers[:count]), state[1])
         except SingularMassMatrix:
             return True
         rows[: coefficients.size] = coefficients.reshape(-1).data

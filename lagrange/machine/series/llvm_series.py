@@ -10,7 +10,7 @@ import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,10 @@ from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.errors import RunError
-from lagrange.machine.backend import BlockPolynomial, Callback, FloatArray, SingularMassMatrix
+from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
-from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel, cached_kernel
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.called import CompiledProcedure
 from lagrange.machine.llvm.engine import Module, inversion, linear_solver
@@ -121,11 +121,10 @@ class LlvmSeriesDense(LlvmDense):
         return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
 
 
-@lru_cache(maxsize=64)
 def function(program: Program) -> LlvmKernel:
     """Return the kernel of a program, which the loop over steps calls. Raises RunError if LLVM refuses it."""
     with refused():
-        return LlvmKernel(program)
+        return cached_kernel(program)
 
 
 @contextmanager
@@ -194,10 +193,6 @@ class CompiledJet:
     def load(self, program: Program) -> LlvmKernel:
         """Return the kernel of a program, compiled once per process."""
         return function(program)
-
-    def callback(self, kernel: Any, parameters: FloatArray) -> Callback:
-        """Return the address of a kernel, and its parameters followed by all values that depend on them alone."""
-        return Callback(kernel.address, kernel.prepare(parameters))
 
     @property
     def _series(self) -> Any:

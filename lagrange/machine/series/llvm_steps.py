@@ -14,10 +14,10 @@ from lagrange.algorithm.taylor.events_on_step import inspect_step
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
-from lagrange.machine.llvm.called import CompiledProcedure, transitive_callees
+from lagrange.machine.llvm.called import CompiledProcedure
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import function, joined
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.form import Procedure, transitive_callees
 
 _BUILDING = threading.RLock()
 """Locked while a loop is built and linked, so that two threads do not do it twice."""

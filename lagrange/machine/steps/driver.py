@@ -9,7 +9,7 @@ import numpy as np
 from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, Layout, kept
 from lagrange.machine.backend import FloatArray, Kernel, Machine
 from lagrange.machine.llvm.address import workspace
-from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.state import OUTCOMES, DriverState, Outcome
 from lagrange.machine.step_events import StepFunction
 from lagrange.procedure.form import Record
 from lagrange.program.step import StepProgram
@@ -88,7 +88,7 @@ class StepDriver:
             self._call.give(budget=budget, times=None, rows=None)
         before = state.integers[DriverState.STEPS]
         try:
-            outcome = Outcome(self._call())
+            outcome: Outcome = OUTCOMES[self._call()]
         finally:
             state.y[:] = self._work[self._entries]
         self.count(state.integers[DriverState.STEPS] - before)

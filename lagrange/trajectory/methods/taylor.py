@@ -104,7 +104,7 @@ class TaylorPlan:
         """Return the driver. The sides of switching surfaces are undecided (NaN)."""
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
-        return SeriesDriver(self.series.code(self.order), self.order, parameters)
+        return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
         """Return the search for events and surface crossings, or None without any."""
