@@ -277,11 +277,11 @@ class System:
         options = RunOptions(method, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters)
         return run_stated(self, t_start, t_end, initial, options, target, check=check, progress=progress)
 
-    def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
+    def check(self, *, target: str = "llvm", points: int | None = None, seed: int = 0) -> Report:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
         The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table
-        and is true if all agree. `seed` determines the `points` random states. Raises StatementError for bad values.
+        and is true if all agree. `seed` determines the `points` random states: by default 5, or 3 for a large system.
         """
         from lagrange.evidence.check import check_stated
 

@@ -43,6 +43,9 @@ __all__ = ["check", "quick_check", "textbook_tape"]
 FAR_POINTS = 300
 """Number of random points tried to reach branches of the energies that no other point reaches."""
 
+POINTS, FEW_POINTS, MANY_COORDINATES = 5, 3, 200
+"""Points of a check; points of a check of a large system; number of coordinates above which a system is large."""
+
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
 
@@ -78,7 +81,11 @@ BATCH = "batch against single"
 
 
 def check(
-    model: Model, textbook: Textbook | None = None, other: Model | None = None, points: int = 5, seed: int = 0
+    model: Model,
+    textbook: Textbook | None = None,
+    other: Model | None = None,
+    points: int | None = None,
+    seed: int = 0,
 ) -> Report:
     """Compare every quantity of a compiled model with its definition, at random points inside the domain.
 
@@ -87,10 +94,12 @@ def check(
 
     `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a row to
     the report. `other`, the same system compiled for another target, adds a row as well. The same `seed` gives the same
-    points. The cost grows with the number of terms of L that contain each coordinate, and with the cube of the number
-    of coordinates if all are coupled. Raises StatementError for fewer than one point, and for a textbook that lacks a
-    coordinate.
+    points. Without `points` there are 5, or 3 for more than 200 coordinates. The cost grows with the number of terms of
+    L that contain each coordinate, and with the cube of the number of coordinates if all are coupled. Raises
+    StatementError for fewer than one point, and for a textbook that lacks a coordinate.
     """
+    if points is None:
+        points = FEW_POINTS if len(model.statement.coordinates) > MANY_COORDINATES else POINTS
     points = whole_number(points, "points", 1, MOST_CHECKED_POINTS)
     seed = whole_number(seed, "seed", 0)
     session = _Session(model, textbook, other, points, seed)
@@ -338,7 +347,7 @@ MOST_DERIVED = 100
 """Largest number of coordinates for which the textbook derivation is compared; it takes about 10 s for 300."""
 
 
-def check_stated(system: Stated, target: str, points: int, seed: int) -> Report:
+def check_stated(system: Stated, target: str, points: int | None, seed: int) -> Report:
     """Return the report on a system compiled for `target`; `lagrange.System.check` describes the arguments."""
     model = system.compile(target, check=False)
     statement = solved_statement(model)
