@@ -27,9 +27,9 @@ def at_rest(name: str) -> EventResult:
     """Return the end of a run that comes to rest on a contact, because the reset leaves no velocity."""
     return EventResult(
         Status.STEP_TOO_SMALL,
-        f"After the reset {name} is zero without a velocity of its own and goes on to the same side: the motion comes "
-        "to rest there, as a ball does after infinitely many bounces, and the reset does not say how it stays. End "
-        "the run with a terminal event, or state the contact as a stiff spring.",
+        f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
+        "there, and the reset does not say how it stays. State it as a contact, as in "
+        "contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
     )
 
 
@@ -38,8 +38,8 @@ def accumulating(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
-        "that bounces lower and lower and comes to rest after infinitely many impacts. End the run before it, or "
-        "state what rest is with a terminal event.",
+        "that comes to rest after infinitely many impacts. State it as a contact, as in "
+        "contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
     )
 
 
@@ -47,11 +47,10 @@ def unresolved(name: str) -> EventResult:
     """Return the end of a run whose resets are closer together than its steps, or errors, can resolve."""
     return EventResult(
         Status.STEP_TOO_SMALL,
-        f"Between resets where {name} is zero, the path of the steps no longer shows how it leaves zero and returns: a "
-        "reset would send the motion through. The times between resets have become shorter than the step or than what "
-        "its errors leave of them, as for a ball that bounces lower and lower and comes to rest after infinitely many "
-        "impacts. End the run before it, shorten the step or lower rtol and atol, or take a method of one step such as "
-        "dop853.",
+        f"The resets where {name} is zero follow each other too quickly: between them the steps no longer show how it "
+        "leaves zero and returns. A ball does this that comes to rest after infinitely many impacts. State it as a "
+        "contact, as in contacts={'floor': lagrange.contact(gap=...)}, end the run before it, or take smaller "
+        "tolerances, a shorter step, or a method of one step such as dop853.",
     )
 
 
@@ -60,8 +59,9 @@ def sliding(name: str, t: float) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
-        "motion sticks to the surface, where the equations do not say what it does. Smooth the switch, such as "
-        "sign(v) by tanh(v/0.001), or end the run there with a terminal event.",
+        "motion sticks to the surface, where the equations do not say what it does. State dry friction as a contact, "
+        "as in contacts={'floor': lagrange.contact(gap=..., slip=..., friction=...)}, or smooth the switch: "
+        "tanh(v/0.001) in place of sign(v).",
     )
 
 
