@@ -179,7 +179,7 @@ def test_no_ball_falls_through_the_floor(name: str) -> None:
         found = go(ball(), 10.0, [floor(restitution)], name, step=0.01)
         assert found.y[0].min() > -1e-12
         if found.status is not Status.SUCCESS:
-            assert found.status is Status.STEP_TOO_SMALL and "comes to rest after infinitely many impacts" in found.message
+            assert found.status is Status.STEP_TOO_SMALL and "infinitely many impacts" in found.message
         assert len(found.t_events[0]) >= 6
 
 
