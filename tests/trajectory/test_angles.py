@@ -96,13 +96,6 @@ def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:
     assert found.y[2, -1] == pytest.approx(angle * 1e-6, rel=1e-6) and found.steps < 5
 
 
-def test_a_motion_along_the_cut() -> None:
-    """A motion that stays on y = 0 has the angle pi, and 0 behind the origin."""
-    found = go(particle(ANGLE), 3.0, initial={x: -1.0})
-    arrival = math.sqrt(2 / math.pi)
-    assert found.y[:, -1] == pytest.approx([(3 - arrival) * arrival * math.pi, 0, arrival * math.pi, 0], abs=1e-8)
-
-
 def test_a_motion_that_sticks_to_the_cut_says_so() -> None:
     found = go(particle(sp.atan2(-x.dot, -1)), 4.0, initial={x.dot: 1.0})
     assert found.status is Status.STEP_TOO_SMALL and found.y[2, -1] == pytest.approx(0, abs=1e-12)
@@ -131,16 +124,6 @@ def test_a_mass_matrix_jumps_with_the_angle(target: str) -> None:
     model = particle(1, 0, target, kinetic=mass * (x.dot**2 + y.dot**2) / 2)
     found = go(model, 1.0, initial={x: -2.0, y: 0.5, y.dot: -1.0})
     assert found.y[2:, -1] == pytest.approx([0.5 / 1.25 + 0.5 / 0.75, -1.0], abs=1e-10)
-
-
-def test_an_event_of_a_switched_angle() -> None:
-    """abs(atan2(y, x)) - 3 vanishes on both sides of the cut, twice a turn of the circle."""
-    model = particle(-x, -y)
-    circle = {x: 1.0, y.dot: 1.0}
-    found = go(model, 4 * math.pi, [sp.Abs(ANGLE) - 3, ANGLE - 3], initial=circle)
-    turns = [3.0, 2 * math.pi - 3, 2 * math.pi + 3, 4 * math.pi - 3]
-    assert found.t_events[0] == pytest.approx(turns, abs=1e-8)
-    assert found.t_events[1] == pytest.approx(turns[::2], abs=1e-8)
 
 
 def test_an_event_that_jumps_on_the_surface_on_which_it_is_zero() -> None:

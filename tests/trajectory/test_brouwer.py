@@ -7,7 +7,6 @@ number of steps; an error of the same sign at every step would grow with the num
 from __future__ import annotations
 
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ import sympy as sp
 
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.program.step import in_doubles
 from lagrange.trajectory.integrator import Problem
 from tests.models import build, theta, x, y
 from tests.trajectory.runs import MOMENTA, implicit
@@ -82,9 +80,3 @@ def test_energy_walks_at_random(name: str) -> None:
         angle, speed = np.stack([start, end_of(compiled, name, 0.02, start)]).astype(np.longdouble).T
         errors.append(float(np.diff(speed**2 / 2 - np.cos(angle))[0]))
     assert walked(errors) < allowed(name)
-
-
-@pytest.mark.parametrize("number", [Fraction(1, 3), Fraction(-5, 18), 1, Fraction(1, 4)])
-def test_two_doubles_hold_a_number_to_twice_the_digits(number: Fraction) -> None:
-    high, low = in_doubles(number)
-    assert high == float(number) and abs(Fraction(high) + Fraction(low) - number) <= abs(number) * 2**-105

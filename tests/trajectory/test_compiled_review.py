@@ -136,27 +136,6 @@ def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch
     assert len(found.t) > 2000 and len(reviews) < 9
 
 
-@pytest.mark.parametrize("direction", [0, 1, -1])
-def test_a_start_on_a_section_is_no_event_and_is_not_sampled_on_arrays(
-    direction: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    of, _ = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
-    start = {"x": 0.1, "y": 0.0, "x_dot": 0.3, "y_dot": 0.2}
-    found = run(of, 300.0, "dop853", initial=start, events=[event(y, direction=direction)], rtol=1e-9, atol=1e-9)
-    below = found.y[1, 1:] < 0
-    rises, falls = (below[:-1] & ~below[1:]).sum(), (~below[:-1] & below[1:]).sum()
-    assert len(found.t_events[0]) == {0: rises + falls, 1: rises, -1: falls}[direction] > 10
-    assert found.t_events[0][0] > 1
-
-
-def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.event_steps", refuse)
-    found = run(of, 20.0, "dop853", initial=initial, events=[y], rtol=1e-9, atol=1e-9)
-    assert len(found.t_events[0]) == 5
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,15 +154,6 @@ def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyP
     assert found.dense(times)[0] == pytest.approx(G / 2 * since * (2 * FALL - since), abs=1e-6)
     outputs = run(ball(), 600 * FALL, name, events=[floor(1)], t_eval=times, **options)
     assert outputs.y[0] == pytest.approx(found.dense(times)[0], abs=1e-9)
-
-
-def test_the_terminal_count_of_bounces_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
-    found = run(ball(), 1e4, "dop853", events=[floor(1, terminal=100)], rtol=1e-9, atol=1e-9)
-    assert found.status is Status.EVENT and len(found.t_events[0]) == 100 and len(looks) < 20
-    assert found.t[-1] == found.t_events[0][-1] == pytest.approx(199 * FALL, abs=1e-8)
-    # The state that ends the run is that behind the last reset.
-    assert found.y[1, -1] == pytest.approx(G * FALL) and found.y_events[0][-1][1] == pytest.approx(-G * FALL)
 
 
 @pytest.mark.few(1)
@@ -242,15 +212,6 @@ def _turns(level: int, direction: int, begin: float) -> list[float]:
     """The first times at which the angle, which rises from a little above zero, has a level and at which it jumps."""
     rises, jumps = (level - begin) % (2 * math.pi), math.pi - begin
     return [time for time, way in ((rises, 1), (jumps, -1)) if direction in (0, way)]
-
-
-def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    """|x| - 0.2 is not a polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
-    of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
-    found = run(of, 300.0, "dop853", initial=initial, events=[Abs(x) - 0.01, x - 0.01, x + 0.01], rtol=1e-9, atol=1e-9)
-    both_sides = np.sort(np.concatenate(found.t_events[1:]))
-    assert len(both_sides) > 100 and found.t_events[0] == pytest.approx(both_sides, abs=1e-12)
 
 
 def refuse(*given: Any, **named: Any) -> Any:

@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin
+from sympy import Abs, Expr, Piecewise, atan2, cos, sin
 
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.singular import Singular
+from lagrange.errors import RunError
 from lagrange.trajectory import endings
-from lagrange.trajectory.constraints import passage
 from lagrange.trajectory.constraints.passage import dependent_passage
 from tests.models import shared_scene
 from tests.series_systems import ladder
-from tests.trajectory.runs import ADAPTIVE, OUTSIDE
+from tests.trajectory.runs import ADAPTIVE, FIXED, OUTSIDE
 
 a, b, s = lg.coordinates("a b s")
 
@@ -91,11 +91,6 @@ def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a
     assert np.abs(run.y[1]).max() < 100 * rtol + 2e-8
 
 
-def test_equal_steps_pass_it() -> None:
-    solution = CRANK.run(3.0, START, method="rk4", step=0.01, check=False)
-    told(solution)
-
-
 def test_a_sharp_turn_that_is_no_crossing_is_followed() -> None:
     """With rods that differ by a hundredth the slider turns before the centre, in short steps, and the run goes on."""
     near = lg.System(
@@ -146,17 +141,6 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
     assert "the constraint 'across' restricts no velocity" in solution.message
     assert "an error as small as the tolerance decides how the motion goes on." in solution.message
     assert len(solution.t) == len(solution.y[0]) and solution.t[-1] > 0.0
-
-
-@pytest.mark.parametrize("method", ["cvode", "scipy-bdf", "dopri5"])
-def test_redundant_constraints_that_are_allowed_are_no_crossing(method: str) -> None:
-    """The first steps of these methods are short."""
-    x, y = lg.coordinates("x y")
-    rod = x**2 + y**2 - 1
-    stated: dict[str, Any] = {"kinetic": (x.dot**2 + y.dot**2) / 2, "potential": y, "initial": {x: 1.0}}
-    system = lg.System(**stated, constraints={"rod": rod, "again": 2 * rod}, redundant="allow")
-    solution = system.run(1.0, method=method)
-    assert solution.status is lg.Status.SUCCESS, solution.message
 
 
 @pytest.mark.few(1)
@@ -252,45 +236,114 @@ def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float
         assert reached[ANGLE_AND_RATE] == pytest.approx(wanted[ANGLE_AND_RATE], abs=1e-2)
 
 
-def test_a_flow_of_many_steps_looks_at_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(passage, "STEPS_PER_LOOK", 24)
-    kept = passage.StatesPassed(2)
-    kept.begin((0.0, np.zeros(2)))
-    for first in range(1, 100, 24):
-        times, states = kept.room()
-        assert len(times) >= 25 and len(states) >= 28
-        times[:24] = np.arange(first, first + 24)
-        states[:24] = times[:24, None]
-        kept.lead_over(24, CRANK.compile(check=False), (0.0, np.zeros(2)), np.empty(0), 0.0)
-    times, states = (rows[: -len(left)] for rows, left in zip((kept._times, kept._states), kept.room(), strict=True))
-    assert times.tolist() == list(range(96, 121)) and states[:, 0].tolist() == times.tolist()
+# --- jumps and corners ----------------------------------------------------------------------------------------
+
+# Constraints that jump, have corners, or restrict nothing on the way: a run ends before, and says which and where.
 
 
-def test_what_a_run_passed_before_it_stopped_is_looked_at() -> None:
-    """Where it ends itself is not a passage: constraints must have been independent again."""
-    model = CRANK.compile(check=False)
-    times, states = short_steps(np.pi / 2 - 1e-6)
-    near, values = states[10], model.parameter_array()
-    away, staying = states.copy(), states.copy()
-    away[-2:], staying[10:] = near, near
-    for rows, passed in ((away, True), (staying, False)):
-        assert (dependent_passage(model, times, rows, values, 1e-9, stopped=True) is not None) == passed
-        assert dependent_passage(model, times, rows, values, 1e-9) is not None
+x, y = lg.coordinates("x y")
+STOPPED_METHODS = ("taylor", "dop853", "rk4", "rattle", "radau5", "lobatto4", "bdf2")
+INWARDS = {x: 1.0, y: 1.0, x.dot: -1.0}
 
 
-def test_runs_that_end_as_singular_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[bool] = []
-
-    def passed(*given: Any, stopped: bool) -> Any:
-        seen.append(stopped)
-        return dependent_passage(*given, stopped=stopped)
-
-    monkeypatch.setattr(endings, "dependent_passage", passed)
-    arm = lg.System(
-        kinetic=(a.dot**2 + b.dot**2) / 2,
-        coordinates=[a, b],
-        constraints={"reach": cos(a) + cos(b) - 1 - lg.t},
-        initial={a: 1.0, b: -1.0},
+def held(constraint: Expr, initial: dict[Any, float], potential: Any = 0, **more: Any) -> lg.System:
+    """Return a unit mass in the plane."""
+    return lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2,
+        potential=potential,
+        coordinates=[x, y],
+        constraints={"wire": constraint},
+        initial=initial,
+        **more,
     )
-    run = arm.run(3.0, arm.consistent().initial, check=False)
-    assert run.status is lg.Status.SINGULAR and seen and all(seen)
+
+
+def options(method: str) -> dict[str, Any]:
+    return {"method": method, **({"step": 0.01} if method in FIXED else {})}
+
+
+CORNER = "the constraint 'wire' has a corner where {} = 0: velocities jump there, in a way that is not stated."
+JUMP = "the constraint 'wire' jumps where {} = 0, and no motion leads over that."
+ENDED = {
+    "jump": (held(y - Piecewise((1, x > 0), (-1000, True)), INWARDS), JUMP.format("x")),
+    "small jump": (held(y - Piecewise((1, lg.t < 1), (1 + 1e-5, True)), {y: 1.0}), JUMP.format("t - 1")),
+    "corner": (held(y - Abs(x), {**INWARDS, y.dot: -1.0}), CORNER.format("x")),
+    "corner in time": (held(y - Abs(lg.t - 1), {y: 1.0, y.dot: -1.0}), CORNER.format("t - 1")),
+    "angle": (
+        held(atan2(y, x) - np.pi + 0.1 - lg.t / 10, {x: -np.cos(0.1), y: np.sin(0.1), x.dot: -1 / 10 * np.sin(0.1)}),
+        JUMP.format("y"),
+    ),
+}
+"""All reach their place at t = 1."""
+
+
+@pytest.mark.parametrize("method", STOPPED_METHODS)
+@pytest.mark.parametrize("kind", ENDED)
+def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: str) -> None:
+    system, words = ENDED[kind]
+    start = system.consistent().initial if kind == "angle" else {}
+    run = system.run(2.5, start, check=False, **options(method))
+    assert run.status is lg.Status.SINGULAR and words in run.message
+    # A step of series ends there, one with error control beside it, and an equal one is the last that is whole.
+    assert run.t[-1] == pytest.approx(1.0, abs=0.011 if method in FIXED else 1e-9)
+    assert run.t[-1] <= 1.0 + 1e-12 and run.trajectory.span[1] == run.t[-1] and run.trajectory.steps == len(run.t) - 1
+    assert run.constraint_error.max() < 1e-9
+    assert np.abs(run.at(run.t[-1]) - run.y[:, -1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", STOPPED_METHODS)
+@pytest.mark.parametrize(
+    ("wire", "wall"), [(x * Abs(x), 1.0), (Piecewise((x**2, x > 0), (0, True)), 0.0)], ids=["cubic", "flat"]
+)
+def test_a_constraint_that_is_smooth_where_it_switches_is_passed(wire: Expr, wall: float, method: str) -> None:
+    run = held(y - wire, {**INWARDS, y.dot: -2.0}).run(2.0, check=False, **options(method))
+    assert run.status is lg.Status.SUCCESS, run.message
+    assert run[x][-1] < 0 and run[y][-1] == pytest.approx(-wall * run[x][-1] ** 2, abs=1e-10)
+    assert run.energy[-1] == pytest.approx(2.5, rel=1e-2)
+
+
+def test_what_a_run_keeps_ends_there_too() -> None:
+    """Its outputs and events, and a run back in time; a flow says why it does not get there."""
+    system, words = ENDED["corner"]
+    for method in ("taylor", "dop853"):
+        run = system.run(2.5, t_eval=np.linspace(0.0, 2.5, 26), events=[x - 0.5, x + 0.5], check=False, method=method)
+        assert run.status is lg.Status.SINGULAR and run.t == pytest.approx(np.linspace(0.0, 0.9, 10), abs=1e-9)
+        assert [len(times) for times in run.t_events] == [1, 0]
+        back = system.run(-2.5, {x.dot: 1.0, y.dot: 1.0}, check=False, method=method)
+        assert back.t[-1] == pytest.approx(-1.0, abs=1e-9) and words in back.message
+    with pytest.raises(RunError, match="has a corner where x = 0"):
+        lg.flow(system.compile(check=False), method="rk4", step=0.01)([1.0, 1.0, -1.0, -1.0], 0.0, 2.5)
+
+
+def test_a_reset_to_the_other_side_is_no_way_over_a_corner() -> None:
+    system, _ = ENDED["corner"]
+    over = lg.Event(x - 0.5, direction=-1, reset={x: -x, x.dot: x.dot, y.dot: -y.dot})
+    run = system.run(2.5, events=[over], check=False)
+    assert run.status is lg.Status.SUCCESS and run[x][-1] == pytest.approx(-2.5)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5", "gauss2", "bdf2"])
+def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> None:
+    """The speed is 1 - t: from rest every direction is as good."""
+    brake = held(x.dot**2 + y.dot**2 - (1 - lg.t) ** 2, {x.dot: 1.0})
+    run = brake.run(2.0, check=False, **options(method))
+    assert run.status is lg.Status.SINGULAR and run.t[-1] <= 1.0 + 1e-9
+    assert "the constraint 'wire' restricts no velocity, for all its derivatives by them vanish," in run.message
+    assert "it does not say how the motion goes on" in run.message
+    turning = held(x.dot**2 + y.dot**2 - 1, {x.dot: 1.0}, forces={x: -5 * y.dot, y: 5 * x.dot})
+    turned = turning.run(3.0, method="rk4", step=0.3, check=False)
+    assert turned.status is lg.Status.SUCCESS, turned.message
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used_up(method: str) -> None:
+    rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
+    run = rod.run(2.0, t_eval=[0.5], method=method, check=False)
+    assert run.status is lg.Status.SINGULAR and run.trajectory.steps < 1.2e6
+    assert (
+        "the constraint 'wire' restricts no velocity" in run.message and "of what they were at the start" in run.message
+    )
+    fewer = rod.run(2.0, method=method, max_steps=1000, check=False)
+    assert fewer.status is lg.Status.MAX_STEPS

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import partialmethod
 from typing import Any
@@ -15,18 +12,18 @@ import numpy as np
 import pytest
 import sympy as sp
 
+import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.machine.model import Model
+from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import LLVM_FIRST, TARGETS, build, k, m, model, springs, x
-from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, planned, run
+from tests.models import LLVM_FIRST, TARGETS, build, k, m, model, shared_scene, springs, x
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 
 def settings(name: str) -> dict[str, Any]:
@@ -200,18 +197,6 @@ def dirty(driver: Any, dimension: int, *, series: bool) -> None:
     driver._work[layout.result : layout.result + dimension] = np.nan
 
 
-def test_rows_may_be_left_out() -> None:
-    compiled = model("oscillator")
-    unit = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]), step=0.1)
-    plan = planned("rk4", unit)
-    driver = plan.driver(compiled, compiled.parameter_array())
-    state = DriverState(0.0, 1.0, unit.y0, 0.0, 0.0, plan.tolerances.step)
-    state.counts[DriverState.RECORD] = 0
-    assert driver.advance(state, 100, np.empty(0), np.empty((0, 2))) is Outcome.DONE
-    assert state.count(DriverState.ROWS) == 0
-    assert state.y == pytest.approx(run(compiled, 1.0, "rk4", step=0.1).y[:, -1], rel=0, abs=0)
-
-
 # --- time-dependent forces -------------------------------------------------------------------------------------
 
 
@@ -266,33 +251,6 @@ def test_no_call_knows_of_the_one_before(name: str, target: str) -> None:
     assert (flow(START, 0.0, 0.5) == first).all()
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", FIXED)
-def test_without_a_step_a_thousandth_of_each_call(name: str, target: str) -> None:
-    if target == "numpy" and name in IMPLICIT:
-        pytest.skip("thousands of interpreted Newton steps, the same as on llvm")
-    compiled = model("Henon-Heiles", target)
-    flow = flow_of(compiled, method=name)
-    for end in (0.25, -0.5):
-        assert (flow(START, 0.0, end) == run(compiled, end, name, initial=named(START)).y[:, -1]).all()
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_parameters_of_each_call(target: str) -> None:
-    compiled = build(target, kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
-    flow = flow_of(compiled, rtol=1e-12, atol=1e-14)
-    values: dict[Any, float] = {"m": 1.0}
-    for stiffness in (1.0, 4.0, 1.0):
-        values["k"] = stiffness  # the caller's own dict, changed between calls
-        found = flow([1.0, 0.0], 0.0, 1.0, parameters=values)
-        assert found == pytest.approx(
-            [math.cos(math.sqrt(stiffness)), -math.sqrt(stiffness) * math.sin(math.sqrt(stiffness))]
-        )
-    default = compiled.parameter_values()
-    omega = math.sqrt(default[k] / default[m])
-    assert flow([1.0, 0.0], 0.0, 1.0)[0] == pytest.approx(math.cos(omega))
-
-
 @pytest.mark.parametrize("method", ["dop853", "scipy-dop853"])
 def test_parameters_as_an_array_with_any_method(method: str) -> None:
     compiled = build("llvm", kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
@@ -316,17 +274,6 @@ def test_there_and_back_and_in_pieces(target: str) -> None:
     assert flow(end, 1.0, 0.0) == pytest.approx(start, abs=1e-10)
     assert flow(flow(start, 0.0, 0.4), 0.4, 1.0) == pytest.approx(end, abs=1e-10)
     assert (flow(start, 2.0, 2.0) == start).all() and flow(start, 2.0, 2.0) is not start
-
-
-def test_the_result_is_the_callers_own() -> None:
-    flow = flow_of(model("Henon-Heiles"))
-    state = START.copy()
-    first = flow(state, 0.0, 1.0)
-    kept = first.copy()
-    flow(first, 1.0, 2.0)
-    assert (first == kept).all() and (state == START).all()
-    assert (flow(START.tolist(), 0, 1) == kept).all()
-    assert (flow(START.astype(object).astype(float)[::1], np.float64(0), float(np.int64(1))) == kept).all()
 
 
 @pytest.mark.few
@@ -401,13 +348,6 @@ def test_a_limit_of_steps_is_kept(name: str, target: str) -> None:
             flow_of(compiled, method=name, max_steps=limit, **options)
 
 
-def test_a_flow_without_an_end_comes_back() -> None:
-    """A right-hand side that no step can pass: the verdict comes from a run, and no loop goes on for ever."""
-    wall = build(kinetic=m * x.dot**2 / 2, forces={x: sp.Piecewise((k, x < 1))})
-    with pytest.raises(RunError, match="x_dot is nan"):
-        flow_of(wall)([0.0, 1.0], 0.0, 5.0)
-
-
 @pytest.mark.parametrize(("method", "end"), [("rk4", 2e6), ("taylor", 1e9), ("dop853", -1e9)])
 def test_an_end_beyond_all_steps_is_refused_at_the_pace_of_the_first(method: str, end: float) -> None:
     flow = flow_of(model("Henon-Heiles"), method=method, step=0.1 if method == "rk4" else None)
@@ -415,44 +355,10 @@ def test_an_end_beyond_all_steps_is_refused_at_the_pace_of_the_first(method: str
         flow(START, 0.0, end)
 
 
-def test_settings_without_a_use_are_refused() -> None:
-    compiled = model("Henon-Heiles")
-    with pytest.raises(StatementError, match="rk4 takes equal steps and cannot aim at a tolerance"):
-        flow_of(compiled, method="rk4", rtol=1e-3)
-    with pytest.raises(StatementError, match="dop853 chooses its steps by itself"):
-        flow_of(compiled, method="dop853", step=0.1)
-    with pytest.raises(StatementError, match="verlet moves coordinates and velocities in turn"):
-        flow_of(model("double pendulum"), method="verlet")
-    with pytest.raises(StatementError, match="there is no method 'dop83'"):
-        flow_of(compiled, method="dop83")
-    text: Any = "pendulum"
-    with pytest.raises(StatementError, match="is not a compiled model"):
-        flow_of(text)
-
-
-def test_instances_bring_their_own_settings() -> None:
-    compiled = model("Henon-Heiles")
-    assert (
-        flow_of(compiled, method=RK4(step=0.05))(START, 0.0, 1.0)
-        == flow_of(compiled, method="rk4", step=0.05)(START, 0.0, 1.0)
-    ).all()
-    assert (
-        flow_of(compiled, method=Taylor(rtol=1e-4))(START, 0.0, 9.0) == flow_of(compiled, rtol=1e-4)(START, 0.0, 9.0)
-    ).all()
-
-
-@pytest.mark.parametrize("method", ["scipy-rk45", "scipy-radau"])
-def test_integrators_without_a_step_program_flow_too(method: str) -> None:
-    flow = flow_of(model("Henon-Heiles"), method=method, rtol=1e-8, atol=1e-10)
-    assert flow(START, 0.0, 1.0) == pytest.approx(flow_of(model("Henon-Heiles"))(START, 0.0, 1.0), abs=1e-6)
-
-
 # --- ends -----------------------------------------------------------------------------------------------------
 # Every way a run can end is told as it is, and keeps what was computed until then.
 
 SLOW = "thousands of interpreted Newton steps, the same as on llvm"
-TIME_LIMIT = 1000.0
-"""Seconds after which something waits for what does not come, on the busiest machine."""
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -473,32 +379,6 @@ def test_max_steps(name: str, target: str) -> None:
         assert (found.y == whole.y[:, : found.steps + 1]).all()
     enough = run(compiled, 8.0, name, max_steps=whole.steps + whole.rejected, **options)
     assert enough.status is Status.SUCCESS
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853", "taylor"])
-def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
-    compiled = model("Henon-Heiles", target)
-    options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
-    bursts = threading.Semaphore(0)
-
-    def press() -> None:
-        # After some bursts, on the way through the next one; the limits are for a run that nothing interrupts.
-        if all(bursts.acquire(timeout=TIME_LIMIT) for _ in range(3)):
-            os.kill(os.getpid(), signal.SIGINT)
-
-    thread = threading.Thread(target=press)
-    thread.start()
-    found = run(compiled, 1e7, name, max_wall=TIME_LIMIT, progress=lambda t: bursts.release(), **options)
-    thread.join()
-    assert found.status is Status.INTERRUPTED
-    assert (
-        f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
-    )
-    assert 0 < found.t[-1] < 1e7 and len(found.t) > 2
-    assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
-    energy = compiled.energy(found.y[:2], found.y[2:])
-    assert np.abs(energy / energy[0] - 1).max() < 1e-3
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -526,31 +406,37 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
     assert (found.y == plain.y[:, :193]).all() and (found.t == plain.t[:193]).all()
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_a_right_hand_side_without_a_start(name: str, target: str) -> None:
-    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.sqrt(x - 1)})
-    found = run(compiled, 1.0, name)
-    assert found.status is Status.NON_FINITE and list(found.t) == [0.0] and found.steps == 0
-    assert "the acceleration of x is nan" in found.message
+# --- times of a flow ------------------------------------------------------------------------------------------
+
+# States of a flow at many times in one call: those of a run with the same output times.
 
 
-def pulled() -> Model:
-    return build(kinetic=x.dot**2 / 2, forces={x: 1 - x})
+SETTINGS: dict[str, dict[str, Any]] = {"taylor": {}, "dop853": {}, "rk4": {"step": 1e-3}}
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_tolerances_of_zero_from_rest(name: str) -> None:
-    """Every scale of the error is zero at the start."""
-    found = run(pulled(), 3.0, name, rtol=0.0, atol=0.0)
-    assert found.status is Status.SUCCESS and found.y[0, -1] == pytest.approx(1 - np.cos(3), abs=1e-10)
-    least = 1.11e-16 if name == "taylor" else 2.22e-14  # a series has no estimate made of differences, full of noise
-    assert f"rtol = 0 is below round-off and was raised to {least}" in found.message
+@pytest.mark.parametrize("method", SETTINGS)
+@pytest.mark.parametrize("name", ["kepler", "cartesian-pendulum"])
+@pytest.mark.parametrize("times", [[0.0, 0.1, 0.1, 0.7], [0.0, -0.3, -0.5], [0.4], (0.25, 0.5)])
+def test_states_are_those_of_a_run(name: str, method: str, times: Any) -> None:
+    model = shared_scene(name).compile(check=False)
+    start = np.array(model.statement.initial)
+    flow = lg.flow(model, method=method, **SETTINGS[method])
+    found = flow(start, 0.0, times)
+    run = lg.integrate(model, (0.0, times[-1]), method=method, t_eval=times, **SETTINGS[method])
+    np.testing.assert_array_equal(found, run.y)
+    # A call for one time follows with the same driver.
+    assert flow(start, 0.0, times[-1]) == pytest.approx(found[:, -1], abs=1e-12)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_progress_is_told_where_the_run_is(target: str) -> None:
-    seen: list[float] = []
-    run(model("oscillator", target), 5.0, "euler", step=1e-3, progress=seen.append)
-    assert seen == sorted(seen) and seen[0] > 0 and seen[-1] <= 5.0
+def test_times_on_the_way_take_no_steps_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = shared_scene("kepler").compile(check=False)
+    flow, advance = lg.flow(model), SeriesDriver.advance
+    calls: list[int] = []
+
+    def counted(driver: Any, state: Any, budget: int, *rows: Any) -> Any:
+        calls.append(budget)
+        return advance(driver, state, budget, *rows)
+
+    monkeypatch.setattr(SeriesDriver, "advance", counted)
+    flow(np.array(model.statement.initial), 0.0, np.linspace(0.0, 1.0, 101))
+    assert len(calls) == 1

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, lambdify, sign, sin, sqrt, tanh
 
-from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.state import DriverState
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
@@ -227,24 +224,6 @@ def test_the_loop_crosses_surfaces_by_itself(monkeypatch: pytest.MonkeyPatch) ->
     assert found.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-11)
 
 
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
-def test_two_walls_of_a_corner_act_at_once(target: str) -> None:
-    free = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x.dot: 1.0, y.dot: 1.0})
-    walls = [event(one - 1, direction=1, reset={one.dot: -one.dot}) for one in (x, y)]
-    found = run(free, 3.0, "taylor", events=walls)
-    assert [times.tolist() for times in found.t_events] == [[1.0], [1.0]]
-    assert found.y[:, -1].tolist() == [-1.0, -1.0, -1.0, -1.0]
-
-
-@pytest.mark.parametrize("place", [0, 1])
-def test_the_message_names_the_function_whose_series_ends(place: int) -> None:
-    free = build(kinetic=x.dot**2 / 2, coordinates=[x], initial={x.dot: 1.0})
-    others = [event(x - 5), event(x - 6)]
-    found = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
-    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, rel=1e-12)
-    assert "1/(x - 1), which is watched" in found.message
-
-
 def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
     """A section and a wall that throws back: Python is called where the run begins and ends."""
     calls = counted(monkeypatch)
@@ -342,14 +321,6 @@ def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, m
     assert_same(ours, run(compiled, end, "taylor", events=events))
 
 
-def test_a_reset_that_is_due_at_the_start_is_left_to_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = counted(monkeypatch)
-    compiled = build("llvm", kinetic=y.dot**2 / 2, potential=y, initial={y: 0.0, y.dot: -1.0})
-    ours = run(compiled, 7.0, "taylor", events=[event(y, direction=-1, reset={y.dot: -y.dot})])
-    assert calls[0] == 0.0
-    assert ours.t_events[0] == pytest.approx([0.0, 2.0, 4.0, 6.0], abs=1e-12)
-
-
 @pytest.mark.parametrize("change", [{}, {"reset": {x.dot: -x.dot}}, {"terminal": 1}])
 @pytest.mark.parametrize("target", LLVM_FIRST)
 def test_events_on_a_step_that_its_defect_refuses_have_not_happened(
@@ -362,45 +333,6 @@ def test_events_on_a_step_that_its_defect_refuses_have_not_happened(
     assert [len(times) for times in ours.t_events] == [0, 4, 0] and ours.rejected > 0
     changed_in_python(monkeypatch)
     assert_same(ours, run(wall, 6.0, "taylor", events=events, rtol=1e-6))
-
-
-def test_a_flight_that_an_event_ends_is_not_probed_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The series of a free particle ends, and says nothing about its step: the event in time says how far it goes."""
-    looks = []
-    rows = NumpySeries.rows
-
-    def counted(self: NumpySeries, *given: Any) -> Any:
-        looks.append(given[1])
-        return rows(self, *given)
-
-    monkeypatch.setattr(NumpySeries, "rows", counted)
-    free = build("numpy", kinetic=x.dot**2 / 2, coordinates=[x], initial={x: 0.25, x.dot: 1.0})
-    walls = [event(x - 1, direction=1, reset={x.dot: -x.dot}), event(x, direction=-1, reset={x.dot: -x.dot})]
-    found = run(free, 40.0, "taylor", events=walls, t_eval=[40.0])
-    assert sum(map(len, found.t_events)) == 40
-    assert len(looks) < 4 * 40 + 2 * PROBES
-
-
-def test_the_numbers_of_a_side_are_kept_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However often a surface is crossed, the path has one array of numbers for each side."""
-    found: list[SeriesWatch] = []
-    begin = SeriesWatch.begin
-
-    def noted(self: SeriesWatch, state: DriverState) -> EventResult:
-        found.append(self)
-        return begin(self, state)
-
-    monkeypatch.setattr(SeriesWatch, "begin", noted)
-    spring = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2 + 2 * Max(x, 0) ** 2, initial={x: 1.0})
-    ended = run(spring, 100.0, "taylor")
-    (watch,) = found
-    arrays = {id(values): values.tolist() for _, values in watch.epochs}
-    # The watch finds the sides at the start, and each side where it is met first.
-    assert len(watch.epochs) > 40 and len(arrays) <= 5
-    assert all(one[-1] == -other[-1] for (_, one), (_, other) in pairwise(watch.epochs))
-    # Half a period takes pi / sqrt(5) above and pi below.
-    period = math.pi * (1 + 1 / math.sqrt(5))
-    assert ended.dense(np.array([period * 9]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
 SMALL_STACK = """

@@ -11,8 +11,6 @@ from sympy import cos, exp, log, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.evidence.quick import quick_check
-from lagrange.statement.scene.scene_reader import scene_from_text
 from tests.models import LLVM_FIRST, TARGETS, B, k, m, phi, r, theta, x, y, z
 from tests.refusals import refusal
 
@@ -111,15 +109,6 @@ def test_the_check_holds(system: lg.System) -> None:
     assert "is of first order" not in str(report) and "of first order has no accelerations in it" in str(report)
 
 
-def test_a_wrong_acceleration_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = charge().compile("numpy", check=False)
-    quick_check(model)
-    right = model.accelerations
-    monkeypatch.setattr(model, "accelerations", lambda *at: right(*at) + np.array([0.0, 1e-6]))
-    with pytest.raises(lg.RunError, match="y_ddot is"):
-        quick_check(model)
-
-
 def test_velocities_are_found_from_positions_or_must_agree() -> None:
     system = charge()
     assert system.run(1.0, {y.dot: 1.5}).y[3, 0] == 1.5
@@ -187,11 +176,6 @@ def test_a_filter_relaxes(method: str, target: str) -> None:
     assert solution[e][-1] == pytest.approx(1 - np.exp(-2.0), abs=1e-8)
 
 
-def test_the_check_holds_for_a_filter() -> None:
-    report = relaxation().check(points=2)
-    assert report, str(report)
-
-
 def test_a_force_and_a_constraint_state_the_same_lorenz_system() -> None:
     rates = {x: 10 * (y - x), y: x * (28 - z) - y, z: x * y - 8 * z / 3}
     drag = (x.dot**2 + y.dot**2 + z.dot**2) / 2
@@ -208,12 +192,6 @@ def test_a_force_and_a_constraint_state_the_same_lorenz_system() -> None:
     assert by_force.run(2.0, rtol=1e-12).y[:3, -1] == pytest.approx(expected, abs=1e-8)
     start_on = by_constraint.consistent().initial
     assert by_constraint.run(2.0, start_on, rtol=1e-12).y[:3, -1] == pytest.approx(expected, abs=1e-8)
-
-
-def test_a_scene_may_have_them() -> None:
-    text = 'coordinates = ["e"]\nkinetic = "0"\ndissipation = "e_dot**2/2"\n[forces]\ne = "1 - e"\n'
-    system = lg.System.from_statement(scene_from_text(text))
-    assert system.run(2.0)[e][-1] == pytest.approx(1 - np.exp(-2.0), abs=1e-7)
 
 
 @pytest.mark.parametrize("given", [{"forces": {y: 1 - y}}, {"kinetic": m, "dissipation": k * y.dot**2 / 2}])

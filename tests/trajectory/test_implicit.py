@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from sympy import exp
 
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
@@ -179,18 +177,6 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
         assert np.abs(found.y[0]).max() < 1 + 1e-9, (damping, np.abs(found.y[0]).max())
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", EQUAL)
-def test_the_order_where_masses_grow(name: str, target: str) -> None:
-    """Momenta depend on time itself: of L = e^t (x'^2 - x^2) / 2 the motion is x'' + x' + x = 0."""
-    compiled = build(target, lagrangian=exp(t) * (x.dot**2 - x**2) / 2, coordinates=[x], initial={x: 1.0})
-    w, end = np.sqrt(0.75), 1.5
-    expected = np.exp(-end / 2) * (np.cos(w * end) + np.sin(w * end) / (2 * w))
-    counts = np.array([6, 9, 13] if find(name).claims.order > 4 else [20, 30, 45])
-    errors = [abs(run(compiled, end, name, step=end / n).y[0, -1] - expected) for n in counts]
-    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(find(name).claims.order, abs=0.3)
-
-
 # --- newton ---------------------------------------------------------------------------------------------------
 # How Newton's method begins, stops and fails: machines, cost, units, round-off, and methods of one's own.
 
@@ -206,34 +192,6 @@ def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> N
     problem = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
     stages = len(implicit(name).plan(problem).step.solves[0].calls)
     assert found.evaluations <= (4.0 * stages + 1) * found.steps
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_bursts_of_one_step_are_one_burst(name: str, target: str) -> None:
-    """What is kept from step to step stays with the driver, and a run begins without what another one left there."""
-    if target == "numpy" and name not in ("implicit-midpoint", "bdf2"):
-        pytest.skip("interpreted Newton steps are slow, and the same for all")
-    compiled = model("double pendulum", target)
-    start = np.array(compiled.statement.initial)
-    problem = Problem(compiled, compiled.parameter_values(), 0.0, 0.3, start)
-    plan = implicit(name).plan(problem)
-    driver = plan.driver(compiled, compiled.parameter_array())
-
-    def go(budget: int) -> tuple[Any, Any]:
-        state = DriverState(0.0, 0.3, start, 1e-6, 1e-6, plan.tolerances.step)
-        outcome, rows = Outcome.PAUSED, []
-        while outcome is Outcome.PAUSED:
-            times, states = np.empty(budget), np.empty((budget + 4, len(start)))
-            state.counts[DriverState.ROWS] = 0
-            outcome = driver.advance(state, budget, times, states)
-            rows.append(states[: state.count(DriverState.ROWS)].copy())
-        assert outcome is Outcome.DONE
-        return np.concatenate(rows), state.counts[:3]
-
-    (first, counts), (second, same), (third, equal) = go(10_000), go(1), go(7)
-    assert (first == second).all() and (first == third).all()
-    assert (counts == same).all() and (counts == equal).all()
 
 
 # --- units, stiffness, round-off ------------------------------------------------------------------------------
@@ -304,15 +262,6 @@ def test_a_step_without_a_solution_is_told(target: str) -> None:
     assert "backward-euler stopped at t = " in found.message and "the step did not converge" in found.message
     assert "The last correction of its unknowns was still " in found.message
     assert found.message.endswith("smooth the jump, such as by tanh(v/0.001).")
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", CONTROLLED)
-def test_where_newton_fails_a_controlled_step_is_shortened(name: str, target: str) -> None:
-    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: x.dot**2}, initial={x.dot: 1.0})
-    found = run(compiled, 0.99, name, rtol=1e-3, atol=1e-3)
-    assert found.status is Status.SUCCESS
-    assert found.y[1, -1] == pytest.approx(100, rel=0.2)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -425,24 +374,3 @@ def test_a_method_of_ones_own(target: str) -> None:
     truth = exact(compiled, 1.0).y[:, -1]
     errors = [np.abs(run(compiled, 1.0, alexander, step=1.0 / n).y[:, -1] - truth).max() for n in (50, 71, 100)]
     assert -np.polyfit(np.log([50, 71, 100]), np.log(errors), 1)[0] == pytest.approx(2, abs=0.15)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("system", ["double pendulum", "cart and pole", "charge", "bead on a hoop", "blocks"])
-def test_momenta_and_their_derivative(system: str, target: str) -> None:
-    """Against the momenta and forces alone, and central differences of them."""
-    compiled = model(system, target)
-    n, parameters = compiled.dimension, compiled.parameter_array()
-    y = np.array(compiled.statement.initial) + 0.1
-    momenta = compiled.kernel("momentum")
-    found = momenta(0.3, y, parameters)
-    assert found[:n] == pytest.approx(compiled.momenta(y[:n], y[n:], 0.3), rel=1e-14)
-    assert found[n:] == pytest.approx(compiled.evaluate("forces", y[:n], y[n:], 0.3), rel=1e-13, abs=1e-14)
-    columns = []
-    for e in np.eye(2 * n):
-        pairs = [(momenta(0.3, y + s * e, parameters), momenta(0.3, y - s * e, parameters), s) for s in (2e-2, 1e-2)]
-        rows = [(above - below) / (2 * s) for above, below, s in pairs]
-        columns.append((4 * rows[1] - rows[0]) / 3)
-    derivative = compiled.kernel("momentum_jacobian")(0.3, y, parameters)
-    assert derivative == pytest.approx(np.array(columns).T, rel=1e-5, abs=1e-5)
-    assert derivative[:n, n:] == pytest.approx(compiled.mass_matrix(y[:n], 0.3), rel=1e-13, abs=1e-14)

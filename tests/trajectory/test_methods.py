@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.integrate
 from sympy import cos, sin
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6, Splitting, composition
-from lagrange.trajectory.tableaux.gauss import BITS, collocation_tableau, gauss_tableau, lagrange_basis
+from lagrange.trajectory.tableaux.gauss import BITS, collocation_tableau, gauss_tableau
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x, y
 from tests.trajectory.runs import ADAPTIVE, EQUAL, MOMENTA, SPLITTINGS, STEPPED, exact, run, stepped
@@ -158,21 +157,6 @@ def test_errors_follow_the_tolerance(name: str) -> None:
     assert all(b < a / least for a, b in itertools.pairwise(errors)), errors
 
 
-SCIPY: dict[str, Any] = {"bs3": "RK23", "dopri5": "RK45", "dop853": "DOP853"}
-
-
-@pytest.mark.parametrize("name", SCIPY)
-def test_steps_are_in_line_with_scipys(name: str) -> None:
-    """The same tableau and the same error norm should need about the same steps."""
-    compiled = model("double pendulum")
-    solver = SCIPY[name]
-    slope: Any = compiled.rhs
-    theirs = scipy.integrate.solve_ivp(slope, (0, 5), compiled.statement.initial, method=solver, rtol=1e-8, atol=1e-10)
-    ours = run(compiled, 5.0, name, rtol=1e-8, atol=1e-10)
-    assert ours.steps < 1.25 * (len(theirs.t) - 1)
-    assert ours.evaluations < 1.25 * theirs.nfev
-
-
 # --- splitting ------------------------------------------------------------------------------------------------
 # Splittings: their coefficients, held to what they claim, and where they are refused.
 
@@ -273,9 +257,3 @@ def test_collocation_is_exact_in_fractions(points: tuple[Fraction, ...]) -> None
     assert moments(b, c, Fraction(1), len(points)) == [0] * len(points)
     for row, end in zip(A, c, strict=True):
         assert moments(row, c, end, len(points)) == [0] * len(points)
-
-
-def test_a_basis_is_one_at_its_own_point_and_zero_at_the_others() -> None:
-    points = (Fraction(0), Fraction(1, 5), Fraction(4, 7), Fraction(1))
-    values = [[sum(a * x**k for k, a in enumerate(line)) for x in points] for line in lagrange_basis(points)]
-    assert values == [[int(i == j) for j in range(4)] for i in range(4)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -62,18 +61,6 @@ def test_a_string_goes_slack_where_gravity_bends_the_path_as_much() -> None:
     assert np.all(solution.evaluate(lg.multiplier("string"))[:-1] < 0)
 
 
-def test_a_run_goes_on_with_another_system() -> None:
-    held = until(on_sphere(), "sphere")
-    free = lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=m * g * y, parameters={m: 1.3, g: 9.81}, name="free"
-    )
-    flight = free.run(5.0, held.final, t_start=held.t[-1], events=[lg.event(y, terminal=True)])
-    assert flight.energy[-1] == pytest.approx(held.energy[0], rel=1e-9)
-    assert np.all(flight[x] ** 2 + flight[y] ** 2 >= 1 - 1e-12)
-    assert flight.t[0] == held.t[-1]
-    assert list(held.final) == ["x", "y", "x_dot", "y_dot"]
-
-
 def test_a_multiplier_may_reset_the_motion() -> None:
     solution = on_sphere().run(
         0.5, events=[lg.event(lg.multiplier("sphere"), reset={x.dot: -x.dot, y.dot: -y.dot})], rtol=1e-12
@@ -84,31 +71,6 @@ def test_a_multiplier_may_reset_the_motion() -> None:
     np.testing.assert_allclose(
         solution.at(then)[:2], on_sphere().run(2 * there - then, rtol=1e-12).at(2 * there - then)[:2], atol=1e-9
     )
-
-
-def chain(links: int) -> lg.System:
-    xs = lg.coordinates(" ".join(f"x{i}" for i in range(links)))
-    ys = lg.coordinates(" ".join(f"y{i}" for i in range(links)))
-    ends = [(sum(ys) * 0, sum(ys) * 0), *zip(xs, ys, strict=True)]
-    return lg.System(
-        kinetic=sum(a.dot**2 + b.dot**2 for a, b in zip(xs, ys, strict=True)) / 2,
-        potential=9.81 * sum(ys),
-        constraints={f"rod{i}": (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 - 1 for i, (a, b) in enumerate(pairwise(ends))},
-        initial={a: float(i + 1) for i, a in enumerate(xs)},
-    )
-
-
-@pytest.mark.parametrize("links", [2, pytest.param(10, marks=pytest.mark.slow)])
-def test_series_and_steps_agree_on_a_chain(links: int) -> None:
-    """Small systems are written out for each order, large ones loop."""
-    system = chain(links)
-    event = lg.multiplier(f"rod{links - 1}") + 3.0
-    by_series, by_steps = (
-        system.run(0.7, events=[event], method=method, rtol=1e-12).t_events[0] for method in ("taylor", "dop853")
-    )
-    assert len(by_series) > 0
-    # The tolerance of a step is relative to states of up to 14, and a multiplier changes by some 10 a second.
-    np.testing.assert_allclose(by_series, by_steps, atol=1e-9)
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
@@ -126,13 +88,6 @@ def test_accelerations_may_be_in_events(target: str) -> None:
     for times, others in zip(*(run.t_events for run in runs), strict=True):
         assert len(times) > 1
         np.testing.assert_allclose(times, others, atol=1e-9)  # steps of 1e-12 over some ten of them
-
-
-def test_an_acceleration_of_its_own_needs_no_solve() -> None:
-    swing = lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), initial={theta: 1.0})
-    (by_acceleration,) = swing.run(5.0, events=[theta.ddot], rtol=1e-12).t_events
-    (by_angle,) = swing.run(5.0, events=[theta], rtol=1e-12).t_events
-    np.testing.assert_allclose(by_acceleration, by_angle, atol=1e-11)
 
 
 def test_multipliers_are_watched_across_switches_of_the_forces() -> None:

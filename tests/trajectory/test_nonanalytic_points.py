@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, Piecewise, Rational, log, sign, sqrt
+from sympy import Abs, Piecewise, Rational, log, sqrt
 
 import lagrange as lg
-from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.surfaces import Continuations
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import find
 
 G, C = 9.81, 0.1
 LIMIT = math.sqrt(G / C)
@@ -97,13 +92,6 @@ def test_events_around_a_leap_are_not_lost() -> None:
     assert found.t_events[0] == pytest.approx([turn + late], abs=1e-11)
 
 
-def test_what_stays_at_rest_takes_few_leaps() -> None:
-    model = lg.System(kinetic=x.dot**2 / 2, potential=x**2, forces={x: -sqrt(x.dot**2) * x.dot})
-    found = model.run(1e6, {}, max_wall=60.0)
-    assert found.status is lg.Status.SUCCESS and len(found.t) < 40
-    assert not found.y.any()
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
 def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
@@ -151,37 +139,3 @@ def test_the_root_of_a_square_is_an_absolute_value(square: Any, absolute: Any) -
     assert found.status is lg.Status.SUCCESS and found.steps == truth.steps
     assert found.y[:, -1] == pytest.approx(truth.y[:, -1], abs=1e-12)
     assert system.check()
-
-
-def test_a_root_that_leaves_its_domain_is_not_leapt_over() -> None:
-    found = lg.System(kinetic=x.dot**2 / 2, forces={x: -sqrt(1 - x) / 100}).run(5.0, {x: 0.0, x.dot: 1.0})
-    assert found.status in (lg.Status.NON_FINITE, lg.Status.STEP_TOO_SMALL)
-    assert found[x][-1] == pytest.approx(1.0, abs=1e-6)
-
-
-def test_dry_friction_written_as_a_root_is_that_written_as_a_sign() -> None:
-    """At the turning point the friction changes sign, and the motion slips back."""
-    start = {x: 1.0, x.dot: -0.5}
-
-    def end(force: Any) -> Any:
-        found = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: force}).run(5.0, start, rtol=1e-12)
-        assert found.status is lg.Status.SUCCESS
-        return found.y[:, -1]
-
-    assert end(-0.3 * x.dot / sqrt(x.dot**2)) == pytest.approx(end(-0.3 * sign(x.dot)), abs=1e-11)
-
-
-@pytest.mark.parametrize("unit", [1e-30, 1e-6, 1e6, 1e30])
-def test_leaps_are_as_long_in_any_units_of_time(unit: float) -> None:
-    """From time zero, and from a time at which the shorter ones are lost in its spacing."""
-    model = thrown().compile()
-
-    def ahead(unit: float, at: float) -> list[float]:
-        problem = Problem(model, {}, 0.0, 5 * unit, np.zeros(4))
-        state = DriverState(at * unit, 5 * unit, problem.y0, 1e-9, 1e-12, 0.0)
-        return [(there - state.t) / unit for there in Continuations(problem, partial(find, "dop853")).ahead(state)]
-
-    for at, count in ((0.0, 6), (4.0, 6), (-1e5, 3)):
-        expected = ahead(1.0, at)
-        assert len(expected) == count
-        assert ahead(unit, at) == pytest.approx(expected, rel=1e-3)

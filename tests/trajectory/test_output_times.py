@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import pickle
 from dataclasses import replace
 from functools import partial
@@ -18,19 +17,17 @@ import lagrange as lg
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.statement.coordinate import t
-from lagrange.statement.event import event
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
+from lagrange.trajectory.paths.sampled import StepInterpolant, StepInterpolants
 from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y, z
+from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y
 from tests.show.examples import oscillator
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, exact, run
 from tests.trajectory.watched import ball, floor
@@ -77,16 +74,6 @@ def test_across_resets_too(name: str) -> None:
     assert (at_resets > 0).all()
 
 
-def test_a_terminal_event_is_the_last_output() -> None:
-    compiled = ball("llvm")
-    plain = run(compiled, 5.0, "dop853", events=[event(y, terminal=True)])
-    times = np.append(np.linspace(0.0, plain.t[-1], 50), [4.0, 5.0])
-    found = run(compiled, 5.0, "dop853", events=[event(y, terminal=True)], t_eval=times)
-    assert found.status is Status.EVENT and len(found.t) == 50
-    assert (found.y[:, -1] == plain.y[:, -1]).all()
-    assert found.y == pytest.approx(plain.dense(times[:50]), abs=1e-14)
-
-
 def few_bytes(count: int) -> int:
     """Return what so many outputs of two coordinates take, and some steps."""
     return 8 * 5 * count + 3000
@@ -117,20 +104,6 @@ def test_a_run_may_keep_its_outputs_alone(name: str, end: float, target: str) ->
         assert name in ("taylor", "verner9", "dop853")
 
 
-def resets(times: FloatArray, **given: Any) -> lg.Solution:
-    given |= {"method": "verlet", "step": 1e-3, "events": [floor(1.0)]}
-    return lg.integrate(ball("llvm"), (0.0, 30.0), t_eval=times, **given)
-
-
-def test_outputs_alone_across_resets() -> None:
-    """The motion begins anew at each of some twenty resets, with its steps dropped again and again."""
-    times = np.linspace(0.0, 30.0, 777)
-    whole, found = resets(times), resets(times, max_memory=8 * 777 * 3 + 20_000)
-    assert isinstance(found.trajectory.dense, OutputPath) and found.trajectory.dense.path is None
-    assert len(found.t_events[0]) > 10 and (found.t_events[0] == whole.t_events[0]).all()
-    assert found.y == pytest.approx(whole.y, abs=1e-12)
-
-
 def test_output_times_that_do_not_fit_are_refused() -> None:
     compiled = model("Henon-Heiles")
     with pytest.raises(
@@ -140,20 +113,6 @@ def test_output_times_that_do_not_fit_are_refused() -> None:
         lg.integrate(compiled, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1000), max_memory=39_999)
     found = lg.integrate(compiled, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1000), max_memory=40_000)
     assert found.y.shape == (4, 1000)
-
-
-def test_without_output_times_a_run_ends_where_memory_does() -> None:
-    found = lg.integrate(model("Henon-Heiles"), (0.0, 1e4), method="verlet", step=0.01, max_memory=20_000)
-    assert found.status is Status.MAX_MEMORY and "give t_eval, which is kept without the steps" in found.message
-
-
-def test_notes_on_the_sizes_of_a_run_need_no_steps() -> None:
-    """The coarse tolerance is seen by the largest entries of states that are not kept any more."""
-    given: dict[str, Any] = {"method": "dop853", "rtol": 1e-9, "atol": 1e-2, "t_eval": np.linspace(0.0, 2000.0, 11)}
-    whole = lg.integrate(model("Henon-Heiles"), (0.0, 2000.0), **given)
-    found = lg.integrate(model("Henon-Heiles"), (0.0, 2000.0), **given, max_memory=2000)
-    assert "leaves it fewer digits" in whole.message
-    assert found.message.startswith(whole.message + " The steps of the run took more than max_memory = 2000 bytes")
 
 
 # --- outputs --------------------------------------------------------------------------------------------------
@@ -210,14 +169,6 @@ def test_over_a_point_without_a_series(target: str) -> None:
     assert_on_the_path(run(thrown, 1.5, "taylor", t_eval=times), plain, times)
 
 
-def test_a_time_dependent_force_is_met_at_the_right_time() -> None:
-    """Against the closed form: an output reads the time at its place on the step."""
-    pushed = build(kinetic=x.dot**2 / 2, forces={x: t**2}, initial={x: 1.0})
-    times = np.linspace(0.0, 3.0, 50)
-    found = run(pushed, 3.0, "taylor", t_eval=times)
-    assert found.y[0] == pytest.approx(1 + times**4 / 12, rel=4e-16 * 8)
-
-
 # --- sampling -------------------------------------------------------------------------------------------------
 # States at times that a user chooses, and files with lines at a stated rate.
 
@@ -234,12 +185,6 @@ def test_a_file_has_lines_at_a_stated_rate_from_dense_output(times: list[float],
     np.testing.assert_allclose(found[:, 0], times[0] + forward * np.arange(abs(times[1] - times[0]) * 10 + 1) / 10)
     np.testing.assert_allclose(found[:, 1], np.cos(2 * found[:, 0]), atol=1e-14)
     assert found[-1, 0] == times[1]
-
-
-def test_a_file_has_lines_at_stated_times(tmp_path: Path) -> None:
-    found = rows(oscillator().to_csv(tmp_path / "run.csv", t=[0.5, 0.125]))
-    np.testing.assert_array_equal(found[:, 0], [0.5, 0.125])
-    np.testing.assert_allclose(found[:, 2], -2 * np.sin([1.0, 0.25]))
 
 
 @pytest.mark.parametrize(
@@ -288,19 +233,6 @@ def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
         np.testing.assert_allclose(interpolant(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
 
 
-def test_it_passes_through_the_accepted_states_whatever_the_interpolant_does() -> None:
-    ends = np.array([1.0, -1.0]), np.array([2.0, -2.0])
-    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s + 1.5, -s]), 5)
-    assert np.array_equal(found(np.array([0.0, 1.0])).T, ends)
-
-
-def test_a_step_whose_path_is_no_number_is_a_line() -> None:
-    """The states at its ends are sound, and the solver went on."""
-    ends = np.array([1.0, -1.0]), np.array([2.0, -3.0])
-    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s, np.where(s > 0.5, s, np.nan)]), 5)
-    np.testing.assert_allclose(found(np.array([0.0, 0.25, 1.0])), [[1.0, 1.25, 2.0], [-1.0, -1.5, -3.0]], atol=1e-15)
-
-
 @pytest.mark.parametrize("spacings", [1, 3, 40, 250])
 def test_a_step_of_a_few_spacings_is_a_line(spacings: int) -> None:
     """Between rounded times the states of an interpolant go up in stairs; longer ones rise all the same."""
@@ -315,14 +247,6 @@ def rounded(spacings: int) -> StepInterpolant:
     last = first + spacings * np.spacing(first)
     ends = np.array([0.0]), np.array([1.0])
     return StepInterpolant.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
-
-
-def test_the_paths_of_a_burst_are_read_together() -> None:
-    times = np.array([0.0, 0.5, 0.75, 2.0])
-    path = SampledPath(times, curve(times).T, [interpolant(a, b) for a, b in itertools.pairwise(times)])
-    theta, steps = np.array([0.0, 0.3, 0.5, 1.0]), np.array([0, 2])
-    at = times[steps][:, None] + theta * np.diff(times)[steps][:, None]
-    np.testing.assert_allclose(path.inside(steps, theta), curve(at.ravel()).reshape(2, 2, 4), atol=1e-14)
 
 
 def test_paths_are_read_when_they_are_asked_for_and_once() -> None:
@@ -434,19 +358,6 @@ def test_a_tableau_of_high_order_without_a_path_gets_one() -> None:
     assert np.log2(errors[0] / errors[1]) > 4.65, errors
 
 
-@pytest.mark.parametrize("order", [3, 5, 8])
-def test_a_hermite_path_is_smooth_at_the_joints(order: int) -> None:
-    compiled = model("cart and pole")
-    grid = np.linspace(0.0, 2.0, 11)
-    states = exact(compiled, 2.0, t_eval=grid).y
-    path = hermite(compiled, grid, states.T, order)
-    assert path(grid) == pytest.approx(states, abs=1e-14)
-    h = 1e-5
-    for sign in (-1.0, 1.0):
-        slopes = sign * (path(grid[1:-1] + sign * h) - states[:, 1:-1]) / h
-        assert slopes == pytest.approx(compiled.rhs(grid[1:-1], states[:, 1:-1]), abs=1e-3)
-
-
 def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
     """x'' = -1e8 x' - x over steps of 0.1: the iteration would multiply what is wrong by 1e7 each time."""
     compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, dissipation=sp.Integer(10) ** 8 * x.dot**2 / 2)
@@ -469,20 +380,6 @@ def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: s
     assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", NAMES)
-def test_times_in_any_order_and_number(name: str) -> None:
-    found = run(model("Henon-Heiles"), 2.0, name, **({"step": 0.1} if name in FIXED else {}))
-    rng = np.random.default_rng(1)
-    times = rng.uniform(0, 2, 57)
-    together = found.dense(times)
-    assert together.shape == (4, 57)
-    for i in range(0, 57, 8):
-        assert found.dense(times[i : i + 1])[:, 0] == pytest.approx(together[:, i], abs=path_round_off(name))
-    assert found.dense(times[::-1]) == pytest.approx(together[:, ::-1], abs=path_round_off(name))
-    assert found.dense(np.empty(0)).shape == (4, 0)
-
-
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str) -> None:
@@ -498,26 +395,6 @@ def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str
     assert np.isfinite(found.y).all() and found.y.shape == (2, len(found.t))
     nowhere = run(compiled, 5.0, name, t_eval=[4.0, 5.0], **options)
     assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["euler", "midpoint", "rk4"])
-def test_a_run_that_ends_in_a_singular_configuration_has_its_path(name: str, target: str) -> None:
-    """The slope at the end of the last step is the one that there is not."""
-    compiled = build(
-        target,
-        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(0, 1 - t) * m * z.dot**2 / 2,
-        potential=k * (x - z) ** 2 / 2,
-        coordinates=[x, z],
-        initial={x: 0.3},
-    )
-    times = np.linspace(0, 5, 251)
-    found = run(compiled, 5.0, name, step=0.05, t_eval=times)
-    assert found.status is Status.SINGULAR and len(found.t) > 40 and np.isfinite(found.y).all()
-    last = np.array([found.span[1]])
-    steps = run(compiled, 5.0, name, step=0.05)
-    assert found.dense(last)[:, 0] == pytest.approx(steps.y[:, -1], rel=1e-12)
-    assert found.dense(steps.t) == pytest.approx(steps.y, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)

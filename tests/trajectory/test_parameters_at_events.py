@@ -47,14 +47,6 @@ def test_a_stiffness_doubles_at_each_passage(method: str) -> None:
     assert run.energy == pytest.approx(np.full(len(run.t), 0.5), abs=4 * close)
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
-def test_a_change_of_parameters_prepares_the_method_no_second_time(method: str) -> None:
-    model = lg.System(m * x.dot**2 / 2, k * x**2 / 2, parameters={m: 1, k: 1}).compile()
-    run = lg.integrate(model, (0.0, 15.0), {x: 1}, method=method, events=[doubling])
-    assert len(run.parameter_changes) == 4
-    assert len(model.prepared) == 1
-
-
 @pytest.mark.parametrize("method", ["rk4", "dop853"])
 def test_a_zero_that_rounding_leaves_ahead_of_a_segment_is_the_one_that_began_it(
     method: str, monkeypatch: pytest.MonkeyPatch
@@ -104,39 +96,6 @@ def test_output_times_at_an_event_and_behind_it_have_the_state_behind(method: st
     assert run.evaluate(k).tolist() == [1.0, 4.0, 4.0]
     last = spring.run(1.0, events=[stop], method=method)
     assert (last.status, last[x.dot][-1], last.evaluate(k)[-1]) == (lg.Status.SUCCESS, 0.0, 4.0)
-
-
-def test_the_event_that_ends_a_run_sets_parameters_too() -> None:
-    run = spring.run(50.0, events=[lg.event(x, direction=1, terminal=2, reset={k: 2 * k})])
-    assert run.status is lg.Status.EVENT
-    assert run.t_events[0] == pytest.approx(PASSAGES[:2])
-    assert run.evaluate(k)[[0, -1]].tolist() == [1.0, 4.0]
-
-
-def test_a_clutch_locks_by_a_damping_parameter() -> None:
-    clutch = lg.System(
-        m * x.dot**2 / 2 + m * y.dot**2 / 2,
-        forces={x: -c * (x.dot - y.dot), y: c * (x.dot - y.dot)},
-        parameters={m: 1, c: 0},
-        initial={x.dot: 2},
-    )
-    run = clutch.run(2.0, events=[lg.event(x - 1, reset={c: 3})])
-    # From t = 1/2 on the difference of the speeds decays as exp(-2 c (t - 1/2)/m).
-    assert run.t_events[0].tolist() == pytest.approx([0.5])
-    t = np.linspace(0, 2, 9)
-    apart = 2 * np.exp(-6 * np.maximum(t - 0.5, 0))
-    states = run.at(t)
-    assert states[2] - states[3] == pytest.approx(apart, abs=1e-9)
-    assert states[2] + states[3] == pytest.approx(np.full(9, 2.0), abs=1e-9)
-
-
-def test_a_dropped_mass_keeps_its_speed_and_takes_its_energy_along() -> None:
-    run = spring.run(6.0, events=[lg.event(x, direction=-1, reset={m: m / 4})])
-    # The speed at x = 0 is 1. With omega = 2 the amplitude is half as large.
-    assert run.t_events[0][0] == pytest.approx(math.pi / 2)
-    assert run.at(math.pi / 2 + math.pi / 4)[0] == pytest.approx(-0.5, abs=1e-9)
-    first = int(np.searchsorted(run.t, math.pi / 2 + 0.1))
-    assert run.energy[[0, first]] == pytest.approx([0.5, 0.125])
 
 
 def test_events_at_one_time_all_act_on_the_state_and_the_parameters_before() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import pickle
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,19 +18,20 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.machine.event_memory import EventMemory
+from lagrange.machine.events.llvm_event_steps import STANDING
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.model import Model
+from lagrange.machine.series.driver import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.state import Outcome
-from lagrange.machine.steps.driver import StepDriver
+from lagrange.machine.step_events import StepEventMemory
 from lagrange.statement import run_settings as preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory import run_loop
-from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, PreparedPlan
-from lagrange.trajectory.trajectory import Status
+from lagrange.trajectory.trajectory import Trajectory
 from tests.models import TARGETS, build, k, m, model, shared_scene, x
 from tests.trajectory.runs import FIXED, NAMES, planned, run, same
 
@@ -84,15 +88,6 @@ def oscillator() -> Model:
     return build("llvm", kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 1}, initial={x: 1.0})
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
-def test_solutions_stay_as_they_are(method: str) -> None:
-    compiled = oscillator()
-    first = lg.integrate(compiled, (0.0, 2.0), method=method)
-    t, y, at = first.t.copy(), first.y.copy(), first.at([0.3, 1.7])
-    lg.integrate(compiled, (0.0, 2.0), {x: 5.0}, method=method)
-    assert (first.t == t).all() and (first.y == y).all() and (first.at([0.3, 1.7]) == at).all()
-
-
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
 def test_after_a_run_that_failed(method: str) -> None:
     """It leaves no driver, and a run with other values succeeds as before it."""
@@ -136,30 +131,6 @@ def test_few_plans_and_drivers_are_kept() -> None:
     assert len(last.idle) == DRIVERS_KEPT
 
 
-def test_a_method_is_known_by_its_identity() -> None:
-    """Two instances with one name and other settings are two methods, also where the first is no more."""
-    compiled = oscillator()
-    steps = [run(compiled, 5.0, DOP853(rtol=rtol)).steps for rtol in (1e-4, 1e-6, 1e-8, 1e-10)]
-    assert steps == sorted(set(steps))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"atol": -0.0}, "atol = -0: give a finite tolerance that is not negative"),
-        ({"rtol": np.nan}, "rtol = nan: give a finite tolerance"),
-        ({"rtol": [1e-6, 1e-6]}, "rtol is .*: give one number"),
-        ({"step": 0.1}, "dop853 chooses its steps by itself"),
-    ],
-)
-def test_what_is_refused_is_refused_after_runs_too(options: dict[str, Any], message: str) -> None:
-    compiled = oscillator()
-    run(compiled, 0.1, "dop853")
-    run(compiled, 0.1, "dop853", atol=0.0)
-    with pytest.raises(StatementError, match=message):
-        run(compiled, 0.1, "dop853", **options)
-
-
 def test_what_depends_on_the_span_is_that_of_each_run() -> None:
     """A thousandth of the span where no step is given, and the bound of steps where a force may act briefly."""
     compiled = oscillator()
@@ -170,13 +141,6 @@ def test_what_depends_on_the_span_is_that_of_each_run() -> None:
         assert found.steps >= 1000 and np.diff(found.t).max() <= 1.000001 * end / 1000
     with pytest.raises(StatementError, match="below the spacing"):
         [lg.integrate(compiled, (0.0, end), method="rk4", step=1e-3) for end in (1.0, 1e13)]
-
-
-def test_an_inertia_that_vanishes_at_a_later_start_is_refused() -> None:
-    """The mass matrix depends on the state, so that each run looks at its start."""
-    compiled = build("llvm", kinetic=x**2 * x.dot**2 / 2, potential=x**4)
-    assert run(compiled, 0.1, "dop853", initial={x: 1.0}).status is Status.SUCCESS
-    assert run(compiled, 0.1, "dop853", initial={x: 0.0}).status is Status.SINGULAR
 
 
 # --- preparation ----------------------------------------------------------------------------------------------
@@ -280,26 +244,6 @@ def test_steps_are_not_limited_by_the_time_of_preparation(often: pytest.MonkeyPa
 # What a run costs beside its steps: how often its driver comes back, and that no slow way is taken without a need.
 
 
-@pytest.mark.parametrize(("seconds", "calls"), [(1e9, [64, 1024]), (0.0, [64] * 16)])
-def test_a_run_of_quick_steps_comes_back_seldom(
-    seconds: float, calls: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A call costs as much as 50 steps of a small system; steps that are slow come back as often as before."""
-    model = shared_scene("pendulum").compile()
-    lg.integrate(model, (0.0, 0.1), method="rk4", step=0.01)
-    asked: list[int] = []
-    advance = StepDriver.advance
-
-    def counted(self: Any, state: Any, budget: int, *rest: Any) -> Any:
-        asked.append(budget)
-        return advance(self, state, budget, *rest)
-
-    monkeypatch.setattr(StepDriver, "advance", counted)
-    monkeypatch.setattr(run_loop, "SECONDS_PER_CALL", seconds)
-    assert lg.integrate(model, (0.0, 10.0), method="rk4", step=0.01).steps == 1000
-    assert asked == calls
-
-
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
 @pytest.mark.parametrize("initial", [None, {"theta": np.pi / 2}], ids=["plain", "energy near zero"])
 @pytest.mark.parametrize("scene", ["pendulum", "elastic-pendulum"])
@@ -342,3 +286,138 @@ def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rt
         steps = np.diff(found.t)
         assert len(steps) >= 3
         assert steps[2] < 0.9 * MOST_GROWTH**2 * steps[0]
+
+
+# --- runs with events -----------------------------------------------------------------------------------------
+
+# What a model keeps of runs with events and output times: a second run begins as if there had been none.
+
+
+WATCHED: dict[str, Any] = {"none": [], "one": [x], "five": [x, x.dot, x - 0.5, x + 0.5, x.dot - x]}
+WATCHED["jumps"] = [event(x + 0.2, direction=-1, reset={x.dot: -0.9 * x.dot}), x.dot, event(x, terminal=99)]
+FORCES = {"smooth": -(x**3), "switching": -sp.sign(x) - x}
+
+
+def watched(name: str, target: str = "llvm") -> Model:
+    """An oscillator, whose force may switch where x = 0."""
+    return build(
+        target, kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, forces={x: FORCES[name]}, parameters={m: 1, k: 1}
+    )
+
+
+def same_events(a: Trajectory, b: Trajectory) -> bool:
+    """Whether two runs and their events are the same, to the last bit.
+
+    How many steps are tried in vain behind a change of the motion depends on how many one call of the driver takes.
+    """
+    a, b = (replace(one, evaluations=0, rejected=0) for one in (a, b))
+    times, states = (all(map(np.array_equal, getattr(a, n), getattr(b, n))) for n in ("t_events", "y_events"))
+    return same(a, b) and len(a.t_events) == len(b.t_events) and times and states
+
+
+def poison(compiled: Model) -> None:
+    """Fill what idle drivers share with what watches their runs, but for what the drivers only read."""
+    idle = [one for kept in compiled.prepared.values() for one in kept.idle.values()]
+    assert idle
+    for one in idle:
+        taylor, memory = one.state.taylor, getattr(one.memory, "memory", one.memory)
+        for name in ("low", "scale", "next_limit", "limit"):
+            setattr(taylor, name, 2.0**-600)
+        taylor.inspect = taylor.rescalings = taylor.failures = 1
+        if isinstance(memory, EventMemory):
+            _fill(memory, (*(name for _, name in WATCHED_ARRAYS), "combinations"), memory.record)
+        elif isinstance(memory, StepEventMemory):
+            _fill(memory, (*STANDING, "until_end"), memory.run)
+            _fill(memory, (), memory.review)
+
+
+READ_ALONE = ("settings", "direction", "tilts")
+"""What no run writes to, but for the last settings of a run by a step program."""
+
+
+def _fill(memory: Any, arrays: tuple[str, ...], record: Any) -> None:
+    """Fill arrays, and the fields of a record."""
+    for name in arrays:
+        if name not in READ_ALONE:
+            getattr(memory, name).fill(3)
+    for name, _ in record._fields_:
+        setattr(record, name, 2)
+
+
+SPANS = (0.0, 9.0), (0.0, 4.0), (3.0, 0.0), (0.0, 9.0), (0.0, 260.0), (0.0, 9.0)
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("outputs", [False, True])
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("events", WATCHED)
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5", "bdf2"])
+def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
+    name: str, events: str, force: str, *, outputs: bool
+) -> None:
+    """Whatever is in the memory of its driver: other starts, spans, directions and parameters."""
+    compiled, alone = watched(force), watched(force)
+    for i, (begin, end) in enumerate(SPANS):
+        options: dict[str, Any] = {"events": WATCHED[events], "parameters": {k: 1.0 + i // 3}}
+        options |= {"step": 0.05} if name in FIXED else {"rtol": 1e-7}
+        options |= {"t_eval": np.linspace(begin, end, 17)} if outputs else {}
+        start = {x: 0.7 - 0.2 * i, x.dot: 0.3}
+        if i and any(one.idle for one in compiled.prepared.values()):
+            poison(compiled)
+        alone.prepared.clear()
+        assert same_events(
+            run(compiled, end, name, begin, start, **options), run(alone, end, name, begin, start, **options)
+        )
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("options", [{"events": [x]}, {"t_eval": [0.5, 1.0]}, {"events": [x], "t_eval": [0.5, 1.0]}])
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5"])
+def test_a_second_watched_run_makes_no_driver(
+    name: str, options: dict[str, Any], target: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled = watched("smooth", target)
+    first = run(compiled, 3.0, name, initial={x: 1.0}, **options)
+    plan = list(compiled.prepared.values())[-1].plan
+    monkeypatch.setattr(type(plan), "driver", None)
+    for made in ("series_watch.EventMemory", "event_loop.WatchedEvents.of"):
+        monkeypatch.setattr(f"lagrange.trajectory.events.{made}", None)
+    assert same_events(run(compiled, 3.0, name, initial={x: 1.0}, **options), first)
+
+
+@pytest.mark.parametrize("events", WATCHED)
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
+def test_threads_share_a_model(name: str, events: str) -> None:
+    """The bits of runs one after the other, whatever runs beside them: other states, parameters and directions."""
+    shared, alone = watched("switching"), watched("switching")
+    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(8)]
+    given: dict[str, Any] = {"events": WATCHED[events]}
+    expected = [run(alone, end, name, initial=start, parameters=values, **given) for start, end, values in calls]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # threads change within a run
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            found = list(
+                pool.map(lambda one: run(shared, one[1], name, initial=one[0], parameters=one[2], **given), calls)
+            )
+    finally:
+        sys.setswitchinterval(before)
+    assert all(map(same_events, found, expected))
+
+
+@pytest.mark.parametrize("events", ["none", "five"])
+def test_a_run_inside_a_run_has_a_driver_of_its_own(events: str) -> None:
+    compiled = watched("smooth")
+    given: dict[str, Any] = {"initial": {x: 1.0}, "events": WATCHED[events]}
+    expected, inner = run(compiled, 9.0, "taylor", **given), []
+    outer = run(
+        compiled, 9.0, "taylor", progress=lambda t: inner.append(run(compiled, 9.0, "taylor", **given)), **given
+    )
+    assert same_events(outer, expected) and inner and all(same_events(one, expected) for one in inner)
+
+
+def test_a_model_with_idle_drivers_of_events_pickles() -> None:
+    compiled = watched("smooth")
+    first = run(compiled, 9.0, "taylor", initial={x: 1.0}, events=[x])
+    again = pickle.loads(pickle.dumps(compiled))
+    assert same_events(run(again, 9.0, "taylor", initial={x: 1.0}, events=[x]), first)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -107,22 +106,6 @@ def test_the_quick_check_looks_along_what_they_allow(monkeypatch: pytest.MonkeyP
         quick_check(model)
 
 
-def test_a_model_pickles_with_the_same_choice() -> None:
-    model = TWICE.compile("numpy")
-    again = pickle.loads(pickle.dumps(model))
-    assert again.equations.constraints.names == model.equations.constraints.names
-    assert len(model.equations.constraints) == 1
-
-
-def test_independent_constraints_stay_as_they_are() -> None:
-    assert pendulum({"rod": ROD}, redundant="allow").laws.constraints.names == ("rod",)
-
-
-def test_other_words_are_refused() -> None:
-    with pytest.raises(StatementError, match="redundant is 'drop': give one of refuse and allow"):
-        pendulum({"rod": ROD}, redundant="drop")
-
-
 def test_a_scene_may_allow_them(tmp_path: Path) -> None:
     path = tmp_path / "twice.toml"
     scene = 'coordinates = ["x", "y"]\nkinetic = "(x_dot**2 + y_dot**2)/2"\npotential = "y"\nredundant = {}\n'
@@ -132,9 +115,3 @@ def test_a_scene_may_allow_them(tmp_path: Path) -> None:
     path.write_text(scene.format('"yes"') + lines)
     with pytest.raises(SceneError, match="redundant is 'yes': give one of refuse and allow"):
         lg.System.from_scene(path)
-
-
-def test_a_scene_may_have_a_lagrangian_of_first_order(tmp_path: Path) -> None:
-    path = tmp_path / "first.toml"
-    path.write_text('coordinates = ["x", "y"]\nlagrangian = "y*x_dot - x**2/2 - y**2/2"\n[initial]\nx = 1.0\n')
-    assert lg.System.from_scene(path).run(1.0).y[0, -1] == pytest.approx(np.cos(1.0), abs=1e-9)

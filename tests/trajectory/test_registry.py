@@ -7,8 +7,6 @@ import math
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import replace
-from fractions import Fraction
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,6 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.algorithm.series.cost import HIGHEST_ORDER
-from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.errors import StatementError
 from lagrange.show import methods
 from lagrange.statement.coordinate import t
@@ -28,11 +24,10 @@ from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, tableau
 from lagrange.trajectory.methods.own import step_method
 from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, register, table
-from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, composition
 from lagrange.trajectory.methods.taylor import Taylor
 from tests.models import TARGETS, model
 from tests.refusals import refusal
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
+from tests.trajectory.runs import NAMES, exact, run
 
 
 def test_names_and_instances_are_found() -> None:
@@ -103,15 +98,6 @@ def test_options_of_cvode_that_cannot_be_meant(options: dict[str, Any], words: s
         methods.CVODE(**options)
 
 
-@pytest.mark.parametrize("name", [*FIXED, *ADAPTIVE])
-def test_claims_are_those_of_the_step(name: str) -> None:
-    claims = find(name).claims
-    assert claims.adaptive == (name in ADAPTIVE)
-    assert claims.symplectic or not isinstance(find(name), Splitting)
-    assert claims.dense > 0 or name not in STEPPED
-    assert SymplecticEuler().claims.order == 1 and not SymplecticEuler().claims.symmetric
-
-
 def test_every_built_in_method_stands_in_the_public_module() -> None:
     for make in BUILT_IN.values():
         name = getattr(make, "__name__", "")
@@ -131,11 +117,6 @@ def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> No
         assert not re.search(rf"^ +\"?{make.__name__}\b", public + sources["registry"], re.MULTILINE)
 
 
-def test_the_row_of_taylor_says_what_its_order_means() -> None:
-    row = next(row for row in table() if row.name == "taylor")
-    assert f"order by cost, {LOWEST_ORDER} to {HIGHEST_ORDER} (listed as {row.claims.order})" in row.about
-
-
 @pytest.mark.parametrize(
     ("given", "meant"),
     [("RK45", "dopri5"), ("ode45", "dopri5"), ("RK4", "rk4"), ("BDF", "scipy-bdf"), ("gauss4", "gauss2")],
@@ -143,11 +124,6 @@ def test_the_row_of_taylor_says_what_its_order_means() -> None:
 def test_names_from_elsewhere_are_understood(given: str, meant: str) -> None:
     with pytest.raises(StatementError, match=f"Did you mean '{meant}'"):
         find(given)
-
-
-def test_a_tableau_is_a_method() -> None:
-    method: Any = find("rk4")
-    assert find(method.tableau).name == "rk4"
 
 
 def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,25 +187,6 @@ def test_a_tableau_is_registered_with_its_step_control() -> None:
     assert find("ralston").name == "ralston" and find("ralston").claims.adaptive and error < 1e-4
 
 
-def test_a_trajectory_of_ones_own_says_what_it_was_made_with() -> None:
-    found = run(model("oscillator"), 1.0, "rk4", step=0.1)
-    assert (found.step, found.rtol, found.atol) == (0.1, None, None)
-    assert replace(found, step=None, rtol=0.5, atol=1).atol == 1.0
-    for setting in ("step", "rtol", "atol"):
-        wrong: dict[str, Any] = {setting: "small"}
-        with pytest.raises(lg.StatementError, match=f"{setting} of a trajectory"):
-            replace(found, **wrong)
-
-
-def test_the_table_says_what_a_registered_method_is() -> None:
-    register("ralston", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2))
-    register("sourced", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2, source="Ralston, 1962"))
-    register("turns", composition([1.0], name="turns", order=2))
-    assert [row.about for row in table()[-3:]] == [
-        "an explicit Runge-Kutta method of 2 stages", "Ralston, 1962", "a composition of kicks and drifts",
-    ]  # fmt: skip
-
-
 def test_instances_classes_and_factories_are_registered() -> None:
     register("tenth", RK4(step=0.1))
     register("fifth", lambda: RK4(step=0.2))
@@ -242,52 +199,27 @@ def test_instances_classes_and_factories_are_registered() -> None:
     assert run(compiled, 1.0, step_method(heun, order=2, step=0.25)).steps == 4
 
 
-def test_a_step_in_turn_is_refused_where_it_is_not_legal() -> None:
-    method = step_method(kicked, order=2)
-    with pytest.raises(
-        lg.StatementError, match=r"kicked moves coordinates and velocities in turn.*\. Use variational-"
-    ):
-        run(model("double pendulum"), 1.0, method)
-
-
 REFUSED: dict[str, tuple[Callable[..., Any], str]] = {
     "sine": (lambda f, t, y, h: y + h * np.sin(y), "it takes numpy's sin of a vector"),
     "product": (lambda f, t, y, h: y * f(t, y), "it multiplies two vectors"),
-    "matrix": (lambda f, t, y, h: y + h * (np.eye(2) @ f(t, y)), "it takes numpy's matmul of a vector"),
     "branch": (lambda f, t, y, h: y if y > 0 else y + h * f(t, y), "it compares a vector: a step cannot branch"),
-    "equal": (lambda f, t, y, h: y if y == 0 else y + h * f(t, y), "it compares a vector: a step cannot branch"),
-    "true": (lambda f, t, y, h: y if y else y + h * f(t, y), "it asks whether a vector is true"),
     "entry": (lambda f, t, y, h: y[0] + h * f(t, y), "it takes entry 0 of a vector: a step treats all"),
-    "unpacked": (lambda f, t, y, h: [*y], "it goes through the entries of a vector"),
-    "length": (lambda f, t, y, h: y + h * f(t, y) / len(y), "it asks for the length of a vector"),
     "array": (lambda f, t, y, h: np.concatenate([y, f(t, y)]), "it makes an array of a vector"),
-    "copy": (lambda f, t, y, h: y.copy() + h * f(t, y), r"it uses \.copy of a vector"),
     "one more": (lambda f, t, y, h: y + h * f(t, y) + 1, "it adds the number 1 to a vector"),
-    "few": (lambda f, t, y, h: y + h * f(y), r"it calls f\(t, y\) with 1 arguments"),
     "swapped": (lambda f, t, y, h: y + h * f(y, t), r"it calls f\(t, y\) at a time that is"),
-    "number": (lambda f, t, y, h: y + h * f(t, h), r"it calls f\(t, y\) for the number 1 in place of a vector"),
-    "pair": (lambda f, t, y, h: (y, f(t, y)), "it returns a vector, a vector in place of the new state"),
-    "nothing": (lambda f, t, y, h: f(t, y) and None, "it asks whether a vector is true"),
     "none": (lambda f, t, y, h: None, "it returns a NoneType in place of the new state"),
     "idle": (lambda f, t, y, h: y, r"it never calls f\(t, y\)"),
     "half": (lambda f, t, y, h: y / 2 + h * f(t, y), r"the new state holds 0\.5 times the old state"),
     "slope": (lambda f, t, y, h: y + h * f(t, 2 * y), "a slope is taken at 2 times the old state"),
     "broken": (lambda f, t, y, h: y + h * f(t, y) / 0, "it divides a vector by zero"),
-    "unknown": (lambda f, t, y, h: y + h * f(t, y, z=1), "it fails with TypeError"),
     "root": (lambda f, t, y, h: y + math.sqrt(h) ** 2 * f(t, y), "of t and h it takes more than sums"),
-    "sign of h": (lambda f, t, y, h: y + h * f(t, y) if h > 0 else y, "of t and h it takes more than sums"),
     "three": (lambda f, t, y: y, r"takes 3 arguments \(f, t, y\): write step\(f, t, y, h\)"),
     "force": (lambda a, t, q, v, h: (q + h * v, v + h / 2 * a(t, q)), r"the new v holds.* 0\.5 times h a instead of 1"),
-    "speed": (lambda a, t, q, v, h: (q + h * v, v + h * a(t, v)), "an acceleration is taken at 0 times q instead of 1"),
     "square": (lambda f, t, y, h: y + h**2 * f(t, y), "where h is small, at t = 0, its slopes add up to 0.000244"),
     "clock": (lambda f, t, y, h: y + h * (1 + t) * f(t, y), "where h is small, at t = 2, its slopes add up to 3 times"),
     "late": (lambda f, t, y, h: y + h * f(2 * t, y), "where h is small, at t = 2, a slope is taken at the time 4"),
     "first": (lambda f, t, y, h: y + h * f(t + h, y) if t == 0 else y + h * f(t, y), "not do the same at every call"),
-    "unit": (lambda f, t, y, h: y + h * f(t, y) if h in (1, 2) else y + 2 * h * f(t, y), "the same at every call"),
-    "list": (lambda f, t, y, h: [y + h * f(t, y)], "it returns a list in place of the new state"),
     "jerk": (lambda a, t, q, v, h: (q + h * h * v, v + h * a(t, q)), "the new q holds 2 times h v instead of 1"),
-    "clocked": (lambda a, t, q, v, h: (q + h * v, v + h * (1 + t) * a(t, q)), "the new v holds.* 3 times h a instead"),
-    "single": (lambda a, t, q, v, h: q + h * v, "it returns a vector in place of the new coordinates and velocities"),
 }
 
 
@@ -327,12 +259,9 @@ def test_what_is_no_step_is_refused_in_one_sentence_of_words(case: str) -> None:
     [
         ("rk4", heun, {"order": 2}, "there is a method 'rk4' already: give another name"),
         ("Mine", heun, {"order": 2}, "name = 'Mine': give small letters and digits"),
-        ("", heun, {"order": 2}, "name = '': give small letters"),
         (3, heun, {"order": 2}, "name = 3: give small letters"),
         ("mine", heun, {}, r"mine takes arguments \(f, t, y, h\):.* a step function needs order="),
         ("mine", 3, {}, "mine cannot be 3: give a ButcherTableau, an integrator, its class, or a step function"),
-        ("mine", 3, {"order": 1}, "the step function mine is the number 3: give a function"),
-        ("mine", dict, {}, r"method is \{\}: give a name"),
         ("mine", RK4(), {"order": 4}, "mine is not a step function and has its order already: leave out order"),
         ("mine", heun, {"order": 2.5}, r"order = 2\.5: give the order of the method, a whole number"),
         ("mine", heun, {"order": 3}, r"'mine' is not what it claims: the condition of order 3, sum b_i c_i\^2 = 1/3"),
@@ -370,12 +299,6 @@ def test_a_tableau_that_is_not_one_is_refused(given: dict[str, Any], words: str)
         tableau(**given)
 
 
-@pytest.mark.parametrize("part", ["x", None, 10**400])
-def test_a_composition_of_what_is_no_number_is_refused(part: Any) -> None:
-    with pytest.raises(lg.StatementError, match="coefficient 1 of the composition mine is"):
-        composition([1, part], name="mine", order=2)
-
-
 # --- options --------------------------------------------------------------------------------------------------
 # Options of methods are checked when the method is made, not when it runs.
 
@@ -407,15 +330,6 @@ def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> Non
                 getattr(lg.methods, name)(**{option: value})
     with pytest.raises(lg.StatementError, match="max_step"):
         getattr(lg.methods, name)(max_step=None)
-
-
-@pytest.mark.parametrize("size", [0.1, 1, Fraction(1, 10), np.float64(0.1), np.array(0.1)])
-def test_a_number_of_any_kind_is_a_step(size: Any) -> None:
-    assert lg.methods.RK4(step=size).step == size
-
-
-def test_a_tolerance_of_zero_is_one() -> None:
-    assert lg.methods.Tsit5(rtol=0, atol=0.0).rtol == 0
 
 
 @pytest.mark.parametrize(

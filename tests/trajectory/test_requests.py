@@ -72,6 +72,8 @@ def coupled() -> lg.System:
         ({"events": [g - 9]}, "event 0 is g - 9, which stays as it is along a run"),
         ({"max_steps": 0}, "max_steps = 0: give a whole number of at least 1"),
         ({"max_steps": 1.5}, "max_steps = 1.5: give a whole number of at least 1"),
+        ({"max_memory": 0}, "max_memory = 0: give a positive number of bytes"),
+        ({"max_memory": "1"}, "'1'"),
         ({"max_wall": -1.0}, "max_wall = -1.0: give a positive number of seconds"),
         (
             {"parameters": {"mm": 2.0}},

@@ -154,10 +154,6 @@ def test_the_count_is_that_of_sturm(seed: int, share: Share) -> None:
             assert len(found) <= max(len(case[1]), 1)
 
 
-def test_sturm_counts_for_itself() -> None:
-    assert sturm_count(rounded([0.25, 0.5, 1.0], [2.0, 0.5 + 1j])) == 3 and sturm_count(rounded([0.25] * 2, [0.0])) == 1
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) -> None:
@@ -274,16 +270,6 @@ def test_what_is_not_finite_is_refused(bad: float) -> None:
         roots(np.empty(0), 1.0)
 
 
-def test_functions_at_the_edge_of_their_noise_come_to_an_end() -> None:
-    """Constants and ripples that are as large as the noise: each halving would find them undecided again."""
-    rng = np.random.default_rng(8)
-    for _ in range(300):
-        c = np.eye(25)[0] + rng.standard_normal(25) * 10 ** rng.uniform(-20, 0)
-        edge = float(abs(c[0]) - 8 * EPSILON * np.abs(c).sum())
-        for noise in (0.5, 0.7, 1.0, 1.000001, max(edge, 0.0)):
-            assert len(roots(c, 1.0, noise=noise)[0]) <= 24
-
-
 def clear(c: FloatArray, h: float, noise: float = 0.0) -> bool:
     """Return whether the loop over steps takes a function for certain to keep its first sign on a step."""
     return bool(called(keeps_sign.form())(c, len(c), h, noise, float(np.sign(c[0]))))
@@ -376,16 +362,6 @@ def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
             assert [found for _, found in followed(power(order), path)] == [way], path
 
 
-def test_steps_that_do_not_meet_still_report_every_change_of_sign_once() -> None:
-    """Beyond the contract: g jumps at the joints by far more than its noise."""
-    rng = np.random.default_rng(11)
-    for _ in range(100):
-        edges = edges_about(rng, [math.pi, 2 * math.pi], 0.375, 7.0, grid=True)
-        ways = [way for _, way in followed(lambda t: wave(t, 3) + np.eye(30)[0] * rng.normal(0, 1e-9), edges)]
-        crossings = [way for way in ways if way]
-        assert crossings == alternating(len(crossings), -1) and len(crossings) % 2 == 0
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_ends_of_a_run(sign: int) -> None:
     """A root at the start of a run is not an event. One at its end is; one at a joint belongs to the step after it."""
@@ -400,11 +376,3 @@ def test_the_ends_of_a_run(sign: int) -> None:
     assert roots(turning, 0.5) == ([], Side(sign, near=True))
     assert roots(turning, 0.5, last=True)[0] == [Root(0.5, 0)]
     assert roots(sign * np.array([0.0, 0.0, 1.0]), 0.5, Side(sign, near=True)) == ([Root(0.0, 0)], Side(sign))
-
-
-def test_a_bouncing_ball_meets_the_floor_once_a_flight() -> None:
-    """Each flight starts on the floor, or as far below it as the impact was late."""
-    for floor in (0.0, 1e-17, -1e-17):
-        for speed in (1.0, 1e-3, 1e-6):
-            found, _ = roots(np.array([floor * speed**2, speed, -0.5]), 3 * speed)
-            assert directions(found) == [-1] and found[0].time == pytest.approx(2 * speed, rel=1e-15)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 from typing import Any
 
@@ -41,18 +40,6 @@ def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: f
     # The length of a step is rounded with the times at its ends.
     np.testing.assert_allclose(again.at(times), there.y, rtol=0, atol=1e-12)
     assert np.array_equal(again.at(again.t), again.y)
-
-
-def test_no_path_is_made_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The evaluations are those of the steps, 12 for each of dop853, with two at the start of a motion."""
-    model = shared_scene("pendulum").compile()
-    monkeypatch.setattr(scipy.integrate.DOP853, "dense_output", None)
-    found = lg.integrate(model, (0.0, 5.0), method=DOP853(first_step=0.1), rtol=1e-8, atol=1e-8)
-    assert found.evaluations <= 12 * (found.steps + found.trajectory.rejected) + 3
-    monkeypatch.undo()
-    assert (
-        np.isfinite(found.at([0.1, 2.3])).all() and np.isfinite(pickle.loads(pickle.dumps(found)).at([0.1, 2.3])).all()
-    )
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -136,21 +123,3 @@ def test_a_large_time_is_kept_track_of(method: Any) -> None:
     assert run.status is Status.SUCCESS and run.t[-1] == 1e12 + 8.0
     assert run.y[:, -1] == pytest.approx([np.cos(8.0), -np.sin(8.0)], abs=2e-4)
     assert run.dense(np.array([1e12 + 4.0]))[:, 0] == pytest.approx([np.cos(4.0), -np.sin(4.0)], abs=5e-4)
-
-
-def test_the_right_hand_side_of_a_compiled_model_is_called_without_detours(
-    method: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What is finite needs no second look: the kernel that looks is called a few times in a run, not once a stage."""
-    model = shared_scene("pendulum").compile()
-    kernel, calls = model.kernel("rhs"), 0
-    looking = type(kernel).__call__
-
-    def counted(self: Any, *given: Any) -> Any:
-        nonlocal calls
-        calls += self is kernel
-        return looking(self, *given)
-
-    monkeypatch.setattr(type(kernel), "__call__", counted)
-    run = lg.integrate(model, (0.0, 3.0), method=method)
-    assert run.status is Status.SUCCESS and run.evaluations > 50 and calls < 5

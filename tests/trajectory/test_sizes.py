@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
@@ -16,9 +15,7 @@ from sympy import cos, exp, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.sizes import entry_sizes, noise_floors, raise_to_noise, slopes_of
+from lagrange.trajectory.sizes import entry_sizes, noise_floors, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
 x, y, z, a, b, c = lg.coordinates("x y z a b c")
@@ -66,19 +63,6 @@ def test_a_jump_is_not_noise() -> None:
     assert (floors < 1e-14).all()
 
 
-def test_floors_that_were_raised_to_noise_before_the_first_step_stay() -> None:
-    """The loop set the floors of velocities that are zero anew, and a body at rest ran without end."""
-    model = lg.System(plain(x), sp.cos(x), initial={x: 0.3}).compile()
-    method, request = Taylor(), Problem(model, {}, 0.0, 1.0, np.array(model.statement.initial))
-    plan = method.plan(request)
-    state = plan.tolerances.begin(0.0, 1.0, request.y0)
-    assert raise_to_noise(model, model.parameter_array(), state)
-    state.floors[:] = raised = np.full(2, 1e-3)
-    driver = plan.driver(model, model.parameter_array())
-    driver.advance(state, 1, np.empty(2), np.empty((6, 2)))
-    assert (state.floors >= raised).all()
-
-
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
     small = 2.0**-30
@@ -100,15 +84,6 @@ def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off
 def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
     model = compiled(chain, 24)
     assert steps(model, 20.0, method) <= 1.1 * steps(model, 20.0, method, atol=1e-9)
-
-
-@pytest.mark.few(4)
-@pytest.mark.parametrize("method", ADAPTIVE)
-def test_a_push_on_what_is_at_rest_is_met(method: str) -> None:
-    push = sp.Piecewise((1, t > 5), (0, True))
-    spring = lg.System(kinetic=plain(x), potential=x**2 / 2, coordinates=[x], forces={x: push})
-    found = lg.integrate(spring.compile(), (0.0, 20.0), {}, method=method, rtol=1e-6)
-    assert found.status is lg.Status.SUCCESS and found[x][-1] == pytest.approx(1 - math.cos(15.0), abs=1e-4)
 
 
 def row(count: int) -> lg.System:
@@ -154,15 +129,6 @@ def sizes(system: lg.System, left: float) -> tuple[Any, Any, float]:
     return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [(0.0, state)])
 
 
-@pytest.mark.parametrize("left", [10.0, 1e5, -1e3])
-def test_sizes_are_those_of_the_motion_whatever_the_span_is(left: float) -> None:
-    kicked = lg.System(kinetic=plain(x), potential=-4 * sp.cos(x), coordinates=[x], initial={x.dot: 1e-5})
-    found, _, period = sizes(kicked, left)
-    assert 0.1 < period < 1.0 and found == pytest.approx([period * 1e-5, 1e-5])
-    handed, _, _ = sizes(chain(20), left)
-    assert handed.min() > 1e-9 and handed.max() < 10
-
-
 ORBIT, WELL = lambda k: -k / sp.sqrt(x**2 + y**2), lambda k: k * ((1 - x**2) ** 2 + x**2 * y**2) / 4
 
 
@@ -188,40 +154,10 @@ def test_sizes_are_the_same_in_slow_and_fast_units_of_time(potential: Any, start
         assert in_units_of(2.0**power) == pytest.approx(plainly, rel=1e-6), power
 
 
-def test_what_cancels_owes_its_size_to_the_rest() -> None:
-    _, owed, _ = sizes(three_bodies(0.0), 10.0)
-    assert 0.1 < owed[1] < 10 and 0.1 < owed[7] < 10
-
-
-def test_what_never_moves_has_no_size() -> None:
-    flat = lg.System(kinetic=plain(x, y), potential=x**2 + y**2 * x**2, coordinates=[x, y], initial={x: 1.0})
-    found, owed, _ = sizes(flat, 10.0)
-    assert found[1] == found[3] == owed[1] == owed[3] == 0
-
-
 # --- noisy entries --------------------------------------------------------------------------------------------
 # Systems at rest but for one entry: the rounding noise of the others does not make the steps short.
 
 Case = tuple[lg.System, Mapping[Any, float], float]
-
-
-def hanging_chain() -> Case:
-    """Ten links in joint angles, straight, the first one let go."""
-    angles = lg.coordinates(" ".join(f"a{i}" for i in range(10)))
-    kinetic, potential, vx, vy, height, angle, rate = [0] * 7
-    for a in angles:
-        angle, rate = angle + a, rate + a.dot
-        vx, vy, height = vx + rate * cos(angle), vy + rate * sin(angle), height - cos(angle)
-        kinetic, potential = kinetic + (vx**2 + vy**2) / 2, potential + 9.81 * height
-    return lg.System(kinetic, potential), {angles[0]: 0.5}, 1.0
-
-
-def toda() -> Case:
-    """Fifty masses with springs of exponential force, displaced by a bump of Gaussian shape."""
-    places = lg.coordinates(" ".join(f"q{i}" for i in range(50)))
-    potential = sum(exp(a - b) + b - a for a, b in pairwise(places))
-    start = {q: float(np.exp(-((i - 25) ** 2) / 4)) for i, q in enumerate(places)}
-    return lg.System(sum(q.dot**2 for q in places) / 2, potential), start, 5.0
 
 
 def net(rows: int = 3, columns: int = 3, stiffness: float = 50.0) -> Case:
@@ -311,14 +247,6 @@ def steps_by_default(case: Case, method: str) -> tuple[int, int]:
     assert free.status is lg.Status.SUCCESS
     assert np.abs(free.y[:, -1] - good.y[:, -1]).max() < (tries + fewest) * 1e-9 * np.abs(good.y).max()
     return tries, fewest
-
-
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
-@pytest.mark.parametrize("case", [hanging_chain, toda, net])
-def test_the_default_takes_few_steps(case: Callable[[], Case], method: str) -> None:
-    """The chain took ten million tries, the lattice eight times those with a good `atol`, the net two and a half."""
-    tries, fewest = steps_by_default(case(), method)
-    assert tries <= 1.5 * fewest
 
 
 KINDS = (random_chain, random_lattice, random_net)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from sympy import sqrt
 
+import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.statement.event import event
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
+from tests.models import build, x
 from tests.trajectory.points import (
     Singular,
     oscillator,
     problem,
 )
 from tests.trajectory.runs import OUTSIDE
+from tests.trajectory.watched import FALL, ball, bounces, floor, free, go
 
 SOLVERS: list[Any] = [*map(find, OUTSIDE), *([CVODE("Adams")] if "cvode" in OUTSIDE else [])]
 
@@ -103,32 +107,6 @@ def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: Any) -> 
     assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
 
 
-@pytest.mark.few
-def test_progress_is_told_the_time_reached(method: Any) -> None:
-    times: list[float] = []
-
-    def slow(t: float, x: float, v: float) -> float:
-        time.sleep(2e-3)
-        return -x
-
-    run = method.integrate(problem(slow, progress=times.append))
-    assert times and times == sorted(times) and times[-1] <= run.t[-1]
-
-
-def test_a_state_below_atol_is_spoken_of(method: Any) -> None:
-    run = method.integrate(problem(oscillator, y0=(1e-20, 0.0)))
-    assert "so atol = 1e-10 leaves it fewer digits than rtol = 1e-08 asks for" in run.message
-    assert "atol" not in method.integrate(problem(oscillator)).message
-
-
-def test_a_start_without_inertia_is_singular(method: Any) -> None:
-    given = problem(oscillator)
-    given.model.column_without_inertia = lambda *_: 0
-    given.model.singular_message = lambda *_: "x has no inertia there."
-    run = method.integrate(given)
-    assert run.status is Status.SINGULAR and "x has no inertia there" in run.message and len(run.t) == 1
-
-
 def test_what_a_solver_would_bend_is_refused_or_said(method: Any) -> None:
     with pytest.raises(StatementError, match=f"{method.name} chooses its steps by itself: give rtol and atol"):
         method.integrate(problem(oscillator, step=0.1))
@@ -147,3 +125,104 @@ def test_errors_of_the_model_are_not_swallowed(method: Any) -> None:
 
     with pytest.raises(ValueError, match="a bug in the model"):
         method.integrate(problem(broken))
+
+
+# --- events ---------------------------------------------------------------------------------------------------
+
+# Events with solvers of other packages: started anew after a reset, on a path that is a polynomial on each step.
+
+
+MULTISTEP = [name for name in OUTSIDE if name in ("scipy-bdf", "scipy-lsoda", "cvode")]
+"""Methods that start with a path of order 1."""
+ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else []
+
+
+@pytest.mark.parametrize("rtol", [1e-9, 1e-5])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: float) -> None:
+    """It never falls through. Multistep methods see flights down to their tolerances, the others to round-off."""
+    found = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
+    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
+    assert found.y[0].min() > -1e-12 and found.dense(np.linspace(0, found.t[-1], 1000))[0].min() > -rtol
+    end, several = FALL * (1 + restitution) / (1 - restitution), method in MULTISTEP or method in ADAMS
+    off = 2e4 * rtol**0.75 if several else 1e-10
+    assert found.t[-1] == pytest.approx(end, abs=off)
+    times = found.t_events[0]
+    assert len(times) > 8 and times == pytest.approx(bounces(restitution, len(times)), abs=off)
+    apex = found.y_events[0][:, 1]
+    assert (np.diff(np.abs(apex)) < 0).all()
+
+
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
+    """At -1e6 the first steps after the impact are so short that nothing moves on them by more than round-off."""
+    high = ball(height=-1e6 + 364.0, speed=-24.6)
+    found = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
+    assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
+    assert len(found.t_events[0]) == 1 and found.t[-1] == pytest.approx(found.t_events[0][0], abs=1e-3)
+    assert found.y[0].min() > -1e6 - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
+    """Flights below the spacing of heights would be as long as rounding makes them, and go on for ever."""
+    rng = np.random.default_rng(seed)
+    level, height, tolerance = float(rng.choice([-1e6, 1e4])), float(rng.uniform(0, 30)), 10.0 ** rng.uniform(-11, -8)
+    restitution = float(rng.choice([0.5, 0.7, 0.85]))
+    model = ball(height=level + height, speed=float(rng.normal()))
+    found = go(model, 60.0, [floor(restitution, level)], method=method, rtol=tolerance, atol=tolerance)
+    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
+    assert found.y[0].min() > level - 1e-6 and len(found.t_events[0]) < 400
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_the_path_leaps_where_the_state_does(method: str, sign: int) -> None:
+    """A saw tooth, forwards and backwards; output times read the same path."""
+    teeth = [event(x - sign, reset={x: 0})]
+    saw = go(free(), 2.5 * sign, teeth, method=method)
+    assert saw.t_events[0] == pytest.approx([sign, 2 * sign], rel=1e-12)
+    times = sign * (np.linspace(0.0, 2.5, 26)[1:-1] + 0.01)
+    assert saw.dense(times)[0] == pytest.approx(sign * np.mod(np.abs(times), 1.0), abs=1e-13)
+    assert saw.dense(saw.t[1:-1:2]).shape == (2, len(saw.t[1:-1:2]))
+    ends = np.flatnonzero(np.diff(saw.t) == 0)
+    assert saw.y[0, ends] == pytest.approx([sign, sign], rel=1e-12) and (saw.y[0, ends + 1] == 0).all()
+    same = go(free(), 2.5 * sign, teeth, method=method, t_eval=times)
+    assert np.array_equal(same.y, saw.dense(times)) and same.steps == saw.steps == len(saw.t) - 1 - len(ends)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
+    """The force has no value from x = 1.05 on; the run ends at x = 1, or turns back there."""
+    model = build(kinetic=x.dot**2 / 2, forces={x: sqrt(1.05 - x) / 10}, initial={x.dot: 1.0})
+    ended = go(model, 3.0, [event(x - 1, terminal=True)], method=method)
+    assert ended.status is Status.EVENT and ended.message == f"{method} stopped at an event at t = {ended.t[-1]:.6g}."
+    turned = go(model, 1.5, [event(x - 1, direction=1, reset={x.dot: -x.dot})], method=method)
+    assert turned.status is Status.SUCCESS and turned.y[0].max() < 1 + 1e-9 and len(turned.t_events[0]) == 1
+    past = go(model, 3.0, [x - 1], method=method)
+    assert past.status is Status.NON_FINITE and len(past.t_events[0]) == 1 and past.t[-1] < 1.1
+
+
+@pytest.mark.parametrize("start", [0.0, 1e9, -1e9])
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_a_large_time_moves_no_event(method: str, start: float) -> None:
+    """The solver counts from its start; the times themselves are 1e-7 apart there."""
+    found = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
+    spacing = float(np.spacing(abs(start)))
+    assert found.status is Status.SUCCESS
+    assert found.t_events[0] - start == pytest.approx([1.0, 2.0, 3.0], abs=1e-13 + 4 * spacing)
+    assert found.y_events[0][:, 0] == pytest.approx([1.0] * 3, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_options_hold_after_a_reset(method: str) -> None:
+    solver: Any = find(method)
+    bounded = replace(solver, max_step=0.05, first_step=1e-3)
+    found = go(free(), 2.5, [event(x - 1, reset={x: 0})], method=bounded)
+    steps = np.diff(found.t)
+    jumps = np.flatnonzero(steps == 0)
+    assert steps.max() <= 0.05 * (1 + 1e-9) and len(jumps) == 2
+    assert steps[0] == pytest.approx(1e-3) and steps[jumps + 1] == pytest.approx([1e-3] * 2)

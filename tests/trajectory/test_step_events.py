@@ -107,14 +107,6 @@ def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int
     assert found.dense(found.t[-1:])[:, 0] == pytest.approx(found.y[:, -1], abs=off)
 
 
-@pytest.mark.parametrize("name", [name for name in STEPPED if name in FIXED])
-def test_what_steps_round_hides_no_event_at_the_end(name: str) -> None:
-    """300 steps of 0.01 from -2 are rounded to the same side each, and end up to 2.4e-14 beside 1."""
-    model = build(kinetic=x.dot**2 / 2, initial={x: -2.0, x.dot: 1.0})
-    at, beyond = go(model, 3.0, [x - 1, x - 1 - 1e-12], name, step=0.01).t_events
-    assert at == pytest.approx([3.0], abs=1e-13) and not len(beyond)
-
-
 @cache
 def pendulum() -> Model:
     return build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0})
@@ -129,16 +121,6 @@ def test_what_stays_zero_is_no_event(name: str) -> None:
     options: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
     found = run(model, 4.0, name, events=[energy, event(energy, direction=1, terminal=True)], **options)
     assert found.status is Status.SUCCESS and [len(times) for times in found.t_events] == [0, 0]
-
-
-def test_what_rests_at_zero_first_is_an_event_later() -> None:
-    """Nothing moves until t = 1.05; then x oscillates, and leaves zero without an event."""
-    model = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: sp.Piecewise((0, t < 1.05), (1, True))})
-    for name in ("rk4", "gauss2"):
-        found = run(model, 20.0, name, events=[x - 1, x.dot], step=0.1)
-        first = 1.05 + math.pi * np.arange(1, 7)
-        assert found.t_events[1] == pytest.approx(first, abs=0.1), name
-        assert len(found.t_events[0]) == 6
 
 
 @pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
@@ -198,17 +180,6 @@ def test_a_circular_billiard(name: str) -> None:
     assert np.ptp(spin) < 1e-11 and np.ptp((found.y[2:] ** 2).sum(axis=0)) < 1e-11
     assert np.ptp(np.diff(found.t_events[0])) < 1e-9
     assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
-
-
-def test_the_grid_starts_anew_at_a_reset() -> None:
-    """Equal steps of 0.4 from each wall on, and nothing of the old grid behind it."""
-    saw = go(free(), 2.5, [event(x - 1, reset={x: 0})], "rk4", step=0.4)
-    assert saw.t == pytest.approx([0, 0.4, 0.8, 1, 1, 1.4, 1.8, 2, 2, 2.4, 2.5], rel=1e-14)
-    assert saw.steps == 8 and saw.t_events[0] == pytest.approx([1.0, 2.0], rel=1e-14)
-    times = np.linspace(0.0, 2.5, 26)[1:-1] + 0.01
-    assert saw.dense(times)[0] == pytest.approx(np.mod(times, 1.0), abs=1e-14)
-    same = go(free(), 2.5, [event(x - 1, reset={x: 0})], "rk4", step=0.4, t_eval=times)
-    assert np.array_equal(same.y, saw.dense(times))
 
 
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
@@ -317,13 +288,6 @@ def test_kinks_and_jumps() -> None:
     assert found.t_events[0] == pytest.approx([0.75, 1.25], rel=1e-12)
     assert found.t_events[1] == pytest.approx([0.5, 1.5], rel=1e-12)
     assert found.t_events[2] == pytest.approx([0.7], rel=1e-12)
-
-
-@pytest.mark.parametrize("name", ["taylor", "dop853"])
-def test_a_fast_event_along_a_slow_motion(name: str) -> None:
-    """The series of sin(1000 t) ends long before that of the motion, which has one step."""
-    times = go(free(), 3.0, [sin(1000 * t)], name).t_events[0]
-    assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
 
 
 @pytest.mark.few

@@ -15,14 +15,11 @@ import pytest
 
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
-from tests.models import model
 from tests.trajectory.points import (
     double_pole,
     oscillator,
     problem,
 )
-from tests.trajectory.runs import exact
-from tests.trajectory.runs import run as run_model
 
 pytest.importorskip("sksundae")
 
@@ -37,27 +34,6 @@ def silence(capfd: Any) -> Any:
     """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
     yield
     assert tuple(capfd.readouterr()) == ("", "")
-
-
-def test_trials_that_failed_are_counted(method: CVODE) -> None:
-    """CVODE does not tell their times, which are seen in its calls."""
-    run = method.integrate(problem(oscillator, 7.0))
-    assert 0 < run.rejected < run.steps / 5
-    np.testing.assert_array_equal(run.dense(run.t), run.y)
-
-
-def test_its_own_limit_of_500_steps_does_not_hold(method: CVODE) -> None:
-    many = method.integrate(problem(oscillator, 200.0))
-    assert many.status is Status.SUCCESS and many.steps > 500
-
-
-def test_the_path_is_of_the_order_of_the_steps(method: CVODE) -> None:
-    # A cubic through these steps would be off by up to 1e-3 (Adams): h reaches 0.7.
-    run = method.integrate(problem(oscillator, 30.0))
-    h = np.diff(run.t)
-    ends = np.abs(run.y[0] - np.cos(run.t)).max()
-    middles = run.t[:-1] + h / 2
-    assert np.abs(run.dense(middles)[0] - np.cos(middles)).max() < 1.5 * ends + 1e-8
 
 
 def test_a_stiff_run_keeps_a_path_that_slopes_would_spoil() -> None:
@@ -156,10 +132,3 @@ def test_what_others_print_while_threads_run_is_let_through(method: CVODE, capfd
     for thread in threads:
         thread.join()
     assert sys.stdout is before and set(capfd.readouterr().out) == {"x"}
-
-
-@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
-def test_on_a_compiled_model_the_error_follows_the_tolerance(method: CVODE, rtol: float) -> None:
-    compiled = model("cart and pole")
-    run = run_model(compiled, 3.0, method, rtol=rtol, atol=rtol)
-    assert np.abs(run.y[:, -1] - exact(compiled, 3.0).y[:, -1]).max() < 300 * rtol

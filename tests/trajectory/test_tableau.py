@@ -22,9 +22,8 @@ from lagrange.machine.model import Model
 from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
+from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
 from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4
 from lagrange.trajectory.tableaux.dop853 import dop853
 from lagrange.trajectory.tableaux.dopri5 import dopri5
@@ -75,17 +74,6 @@ def path(tableau: ButcherTableau, rhs: Slopes, t: float, y: Any, h: float, theta
     return y[:, None] + h * stages(tableau, rhs, t, y, h) @ (weights @ powers)
 
 
-def slope_of(errors: Any, sizes: Any) -> float:
-    return float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
-
-
-def reference(t: float, y: Any, times: Any) -> Any:
-    found = scipy.integrate.solve_ivp(
-        pendulum, (t, times[-1]), y, method="DOP853", rtol=3e-14, atol=1e-16, t_eval=times, max_step=0.02
-    )
-    return found.y
-
-
 def test_trees_are_counted_and_weighed() -> None:
     assert [len(trees(order)) for order in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
     # Sum of n!/(gamma sigma) over the trees of n nodes counts the monotonic labellings: (n - 1)! of them.
@@ -94,35 +82,8 @@ def test_trees_are_counted_and_weighed() -> None:
     assert formula(((), (), (((),),))) == "c_i^2 a_ij a_jk c_k"
 
 
-def test_step_control_belongs_to_the_tableau_and_not_to_its_name() -> None:
-    """A tableau that is registered under another name steps as it did."""
-    named, renamed = runge_kutta_step(dopri5()).control, runge_kutta_step(replace(dopri5(), name="mine")).control
-    assert named == renamed and named is not None and named.memory == 0.04
-
-
-def test_every_condition_that_is_checked_can_be_told() -> None:
-    """The tall tree has a letter for each stage but the last."""
-    formulas = [formula(tree) for tree in trees(HIGHEST_CHECKED)]
-    assert "a_ij a_jk a_kl a_lm a_mn a_no a_op a_pq c_q" in formulas
-
-
 def symmetry(tree: Any) -> int:
     return math.prod(math.factorial(tree.count(child)) * symmetry(child) ** tree.count(child) for child in {*tree})
-
-
-@pytest.mark.parametrize("tableau", ALL, ids=lambda tableau: tableau.name)
-def test_the_path_has_its_order_and_meets_both_ends(tableau: ButcherTableau) -> None:
-    assert tableau.dense
-    y0, theta = np.array([1.0, 0.2]), np.linspace(0, 1, 11)
-    sizes = {7: [0.8, 0.4, 0.2], 8: [1.0, 0.7, 0.5]}.get(tableau.dense.order, [0.2, 0.1, 0.05])
-    round_off = 5e-12 if tableau.name == "verner9" else 2e-14  # its dense weights reach 13,293 and cancel
-    errors = []
-    for h in sizes:
-        found = path(tableau, pendulum, 0.3, y0, h, theta)
-        np.testing.assert_allclose(found[:, -1], step(tableau, pendulum, 0.3, y0, h), rtol=0, atol=round_off)
-        np.testing.assert_array_equal(found[:, 0], y0)
-        errors.append(np.abs(found - reference(0.3, y0, 0.3 + h * theta)).max())
-    assert slope_of(errors, sizes) > tableau.dense.order + 1 - 0.25
 
 
 @pytest.mark.parametrize(("tableau", "solver"), [(dopri5(), scipy.integrate.RK45), (dop853(), scipy.integrate.DOP853)])
@@ -171,22 +132,7 @@ def test_what_is_derived() -> None:
     np.testing.assert_allclose([float(c) for c in dop853().c[1:5]], closed, rtol=1e-15)
 
 
-def test_the_hermite_path_meets_values_and_slopes_at_both_ends() -> None:
-    tableau, y0, h = dopri5().hermite(), np.array([1.0, 0.2]), 0.5
-    end, tiny = step(tableau, pendulum, 0.3, y0, h), 1e-6
-    near = path(tableau, pendulum, 0.3, y0, h, np.array([0.0, tiny, 1 - tiny, 1.0]))
-    np.testing.assert_allclose(near[:, 3], end, atol=1e-15)
-    np.testing.assert_allclose((near[:, 1] - near[:, 0]) / (tiny * h), pendulum(0.3, y0), atol=1e-5)
-    np.testing.assert_allclose((near[:, 3] - near[:, 2]) / (tiny * h), pendulum(0.3 + h, end), atol=1e-5)
-
-
 THIRD: dict[str, Any] = {"name": "third", "order": 3, "A": ((), row("1/2"), row("-1 2")), "b": row("1/6 2/3 1/6")}
-
-
-def test_kuttas_third_order_method_passes() -> None:
-    assert ButcherTableau(**THIRD).hermite().dense == DenseOutput(
-        (row("1 -3/2 2/3"), row("0 2 -4/3"), row("0 1/2 -1/3"), row("0 -1 1")), 3, (THIRD["b"],), row("1")
-    )
 
 
 @pytest.mark.parametrize(
@@ -245,12 +191,6 @@ def test_every_wrong_coefficient_is_refused(tableau: ButcherTableau) -> None:
     for i in range(tableau.stages):
         with pytest.raises(StatementError, match="b_"):
             replace(tableau, b=(*tableau.b[:i], tableau.b[i] + wrong, *tableau.b[i + 1 :]))
-
-
-def test_rows_are_read_line_by_line() -> None:
-    assert rows("\n 1/5\n\n 3/40 -9/40 \n") == ((Fraction(1, 5),), (Fraction(3, 40), Fraction(-9, 40)))
-    assert row("0.5 2 1/3") == (0.5, Fraction(2), Fraction(1, 3))
-    assert isinstance(row("0.5")[0], float) and isinstance(row("2")[0], Fraction)
 
 
 # --- steps precisely ------------------------------------------------------------------------------------------
@@ -368,12 +308,6 @@ def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> No
         assert error < (1e-12 if name in EXPLICIT else 1e-38)
     else:
         assert error > 1e-6
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("name", [name for name in SOLVED if find(name).claims.symplectic and name not in MOMENTA])
-def test_in_velocities_a_method_of_slopes_is_not_symplectic_where_the_mass_matrix_moves(name: str) -> None:
-    assert defect(name, DOUBLE_PENDULUM, lagrange=True) > 1e-6
 
 
 @pytest.mark.few(12)
