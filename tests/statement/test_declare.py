@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -99,23 +98,6 @@ def test_symbols_of_one_name_are_one_parameter() -> None:
     assert {symbol.name for symbol in found.lagrangian.free_symbols} == {"m", "g", "l", "t"}
     assert len(found.lagrangian.free_symbols) == 4
     assert next(iter(found.defaults.values())) == 2.0
-
-
-@pytest.mark.parametrize(
-    ("value", "exact"),
-    [
-        (3, sympy.Integer(3)),
-        (np.int64(3), sympy.Integer(3)),
-        (Fraction(1, 3), sympy.Rational(1, 3)),
-        (0.5, sympy.Float(0.5)),
-        (np.float64(0.5), sympy.Float(0.5)),
-        (np.float32(0.5), sympy.Float(0.5)),
-        (np.array(0.5), sympy.Float(0.5)),
-    ],
-)
-def test_numbers_of_every_kind_keep_their_value(value: Any, exact: Any) -> None:
-    assert pendulum(potential=value).potential == exact
-    assert pendulum(forces={theta: value}).forces == (exact,)
 
 
 def test_vectors_are_positions() -> None:

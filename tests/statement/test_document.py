@@ -30,27 +30,18 @@ def written(folder: Path, data: bytes) -> Path:
     return path
 
 
-def test_a_missing_file(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "no.toml").reason == "there is no such file: check the path."
-
-
-def test_a_folder(tmp_path: Path) -> None:
-    assert refusal(tmp_path).reason == "this is a folder: give the path of a scene file."
-
-
-def test_a_pipe_is_not_opened(tmp_path: Path) -> None:
+def test_what_is_no_file_to_read_is_named(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
-    assert refusal(tmp_path / "pipe.toml").reason == "this is a device or pipe: give the path of a scene file."
-
-
-def test_a_device_without_end() -> None:
-    assert "device or pipe" in refusal("/dev/zero").reason
-
-
-def test_a_link_is_followed(tmp_path: Path) -> None:
-    link = tmp_path / "link.toml"
-    link.symlink_to(write(tmp_path))
-    assert read_scene(link).name == "pendulum"
+    device = "this is a device or pipe: give the path of a scene file."
+    for path, reason in (
+        (tmp_path / "no.toml", "there is no such file: check the path."),
+        (tmp_path, "this is a folder: give the path of a scene file."),
+        (tmp_path / "pipe.toml", device),
+        ("/dev/zero", device),
+        ("a\x00b.toml", "the file cannot be read ("),
+        ("a" * 5000, "the file cannot be read ("),
+    ):
+        assert refusal(path).reason.startswith(reason)
 
 
 def test_a_file_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,9 +54,10 @@ def test_a_file_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert found == "the file cannot be read (Permission denied): check the path and its permissions."
 
 
-@pytest.mark.parametrize("path", ["a\x00b.toml", "a" * 5000])
-def test_a_path_that_no_file_has(path: str) -> None:
-    assert "the file cannot be read (" in refusal(path).reason
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    link = tmp_path / "link.toml"
+    link.symlink_to(write(tmp_path))
+    assert read_scene(link).name == "pendulum"
 
 
 def test_a_long_file(tmp_path: Path) -> None:
@@ -116,24 +108,12 @@ def test_an_integer_with_too_many_digits_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "".join(f"1e999{i}=1\n" for i in range(60_000)) + "x=1e999",
-        "x=" + "[" * 500_000,
-        "x=" + "{a=" * 300_000,
-        "x=" + "[" * 400 + "]" * 400,
-        "x=" + "9" * 1_000_000,
-        "x=0x" + "f" * 1_000_000,
-        "x=1." + "0" * 900_000,
-        "x=1e" + "9" * 900_000,
-        ".".join(["a"] * 500_000) + "=1",
-        "[" + ".".join(["a"] * 500_000) + "]",
-        (".".join(["a"] * 1000) + "=1\n") * 500,
-        "".join(f"[a{i}.b.c.d]\n" for i in range(60_000)),
-        "[[a]]\n" * 150_000,
-        'x="' + "a" * 1_000_000,
-        "x=[" + "{}," * 100_000 + "]",
-        "=" * 1_000_000,
-        "\n" * 1_000_000,
-        '"' * 1_000_000,
+        *("".join(f"1e999{i}=1\n" for i in range(60_000)) + "x=1e999", "x=" + "[" * 500_000, "x=" + "{a=" * 300_000),
+        *("x=" + "[" * 400 + "]" * 400, "x=" + "9" * 1_000_000, "x=0x" + "f" * 1_000_000, "x=1." + "0" * 900_000),
+        *("x=1e" + "9" * 900_000, ".".join(["a"] * 500_000) + "=1", "[" + ".".join(["a"] * 500_000) + "]"),
+        *((".".join(["a"] * 1000) + "=1\n") * 500, "".join(f"[a{i}.b.c.d]\n" for i in range(60_000))),
+        *("[[a]]\n" * 150_000, 'x="' + "a" * 1_000_000, "x=[" + "{}," * 100_000 + "]", "=" * 1_000_000),
+        *("\n" * 1_000_000, '"' * 1_000_000),
     ],
     ids=lambda text: text[:12].strip(),
 )

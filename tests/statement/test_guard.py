@@ -8,27 +8,10 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import coordinates
-from lagrange.statement.scene.guard import CHUNK, Guard, RefusalError, parts_first, replace
+from lagrange.statement.scene.guard import CHUNK, Guard, RefusalError, replace
 
 a, b = sympy.symbols("a b", real=True)
 x, y = coordinates("x y")
-
-
-def test_parts_come_before_the_whole_and_once() -> None:
-    expression = sympy.sin(a * b) + a * b
-    known: dict[Any, bool] = {}
-    order = []
-    for node in parts_first(expression, known):
-        assert all(part in known for part in node.args)
-        known[node] = True
-        order.append(node)
-    assert len(order) == len(set(order)) == 5
-    assert order[-1] == expression
-
-
-def test_the_guard_knows_what_varies() -> None:
-    assert Guard().check(sympy.sin(a) + 2)
-    assert not Guard().check(sympy.sqrt(2) + sympy.pi)
 
 
 @pytest.mark.parametrize("build", [sympy.Add, sympy.Mul])
@@ -47,15 +30,9 @@ def test_coefficients_are_checked_between_chunks() -> None:
 @pytest.mark.parametrize(
     "expression",
     [
-        a * b + 2 * b + sympy.Rational(1, 3),
-        sympy.sin(b) * sympy.cos(a) ** 2 / (a + b) ** sympy.Rational(3, 2),
-        -2 * (a + b) * b,
-        sympy.Max(a, b, 1) - sympy.Abs(b - a),
-        sympy.atan2(b, a) * sympy.exp(-a),
-        sympy.Piecewise((a, a < b), (b, sympy.And(a > 1, b > 2)), (1, True)),
-        a,
-        sympy.pi,
-        sympy.Integer(2),
+        *(a * b + 2 * b + sympy.Rational(1, 3), sympy.sin(b) * sympy.cos(a) ** 2 / (a + b) ** sympy.Rational(3, 2)),
+        *(-2 * (a + b) * b, sympy.Max(a, b, 1) - sympy.Abs(b - a), sympy.atan2(b, a) * sympy.exp(-a)),
+        *(sympy.Piecewise((a, a < b), (b, sympy.And(a > 1, b > 2)), (1, True)), a, sympy.pi, sympy.Integer(2)),
     ],
 )
 def test_replacing_gives_what_sympy_builds(expression: Any) -> None:

@@ -126,10 +126,10 @@ HARMLESS = [
 ]
 
 
-def test_reading_runs_imports_opens_and_spawns_nothing(tmp_path: Path) -> None:
-    canary = tmp_path / "canary"
-    attacks = [attack.replace(CANARY, str(canary)) for attack in ATTACKS]
-    scenes = [str(path) for path in sorted(ROOT.glob("lagrange/scenes/*.toml"))]
+def test_reading_runs_imports_opens_and_spawns_nothing(tmp_path: Path, everything: bool) -> None:
+    canary, part = tmp_path / "canary", 1 if everything else 5
+    attacks = [attack.replace(CANARY, str(canary)) for attack in ATTACKS[::part]]
+    scenes = [str(path) for path in sorted(ROOT.glob("lagrange/scenes/*.toml"))[::part]]
     hostile = tmp_path / "hostile.toml"
     hostile.write_text(f"kinetic = '''{attacks[0]}'''\ncoordinates = ['x']\n", encoding="utf-8")
     result = subprocess.run(

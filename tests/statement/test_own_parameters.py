@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from sympy import Symbol, sin
+from sympy import sin
 
 import lagrange as lg
 from tests.models import shared_scene
@@ -46,16 +46,3 @@ def test_a_parameter_is_known_by_its_name(use: str) -> None:
     name, asked = USES[use]
     scene = shared_scene(name)
     assert asked(scene, NAMED.__getitem__) == asked(scene, own(name))
-
-
-def test_an_event_that_has_them_is_prepared_once() -> None:
-    """What is compiled for an event is found again by the event itself."""
-    lowest = lg.event(theta - l, direction=-1)
-    first = shared_scene("pendulum").run(2.0, events=[lowest])
-    again = shared_scene("pendulum").run(2.0, events=[lowest])
-    assert first.t_events[0].tolist() == again.t_events[0].tolist() != []
-
-
-def test_a_name_that_the_system_has_not_is_refused_still() -> None:
-    with pytest.raises(lg.StatementError, match="the expression contains h, which this system does not have"):
-        shared_scene("pendulum").run(0.1).evaluate(Symbol("h", positive=True) * theta)

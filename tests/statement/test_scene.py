@@ -85,19 +85,6 @@ def test_names_may_be_greek_letters(tmp_path: Path) -> None:
     assert found.potential == -sympy.Symbol("Ω", real=True) * sympy.cos(2 * coordinate("θ"))
 
 
-def test_letters_that_sympy_takes_for_its_own_are_parameters(tmp_path: Path) -> None:
-    names = ["E", "S", "N", "I", "Q", "O", "C", "gamma", "beta", "zeta", "re", "arg", "oo", "nan", "Symbol", "Integer"]
-    found = read_scene(
-        write(
-            tmp_path,
-            kinetic="m*l**2*theta_dot**2/2*" + "*".join(names),
-            parameters={"m": 1, "l": 1, "g": 1, "c": 1, **dict.fromkeys(names, 2)},
-        )
-    )
-    assert {symbol.name for symbol in found.parameters} == {"m", "l", "g", "c", *names}
-    assert all(isinstance(symbol, sympy.Symbol) for symbol in found.parameters)
-
-
 # --- refusals: field, its value, line, column, reason ------------------------------------------------------------
 
 Bad = tuple[dict[str, Any], int, int, str]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import pickle
 from typing import Any
 
 import pytest
@@ -44,14 +43,6 @@ def test_plain_symbols_are_real_and_differentiate(statement: Statement) -> None:
     assert [str(plain[q]) for q in (x, x.dot, x.ddot, y)] == ["x", "x_dot", "x_ddot", "y"]
     assert all(symbol.is_real for symbol in plain.values())
     assert (x.dot**2 + x).xreplace(plain).diff(plain[x.dot]) == 2 * sympy.Symbol("x_dot", real=True)
-
-
-def test_a_statement_pickles() -> None:
-    m = parameters("m")
-    stated = declare(kinetic=m * x.dot**2, parameters={m: 2}, positions={"p": (x, 0)}, initial={x: 1})
-    copy = pickle.loads(pickle.dumps(stated))
-    for field in dataclasses.fields(Statement):
-        assert getattr(copy, field.name) == getattr(stated, field.name)
 
 
 def test_a_statement_cannot_be_changed(statement: Statement) -> None:

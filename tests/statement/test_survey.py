@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 import sympy
-from sympy.physics.mechanics import dynamicsymbols
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinates, parameters, t
@@ -29,13 +28,6 @@ def test_leaves_in_order_of_first_appearance() -> None:
     assert list(found.coordinates) == [y, x]
     assert set(found.velocities) == {y.dot, x.dot}
     assert list(found.parameters) == [m, k]
-
-
-def test_dynamicsymbols_are_coordinates() -> None:
-    q = dynamicsymbols("q")
-    found = survey(q.diff() ** 2 - q)
-    assert list(found.coordinates) == [q]
-    assert list(found.velocities) == [q.diff()]
 
 
 def test_accelerations_only_where_they_are_asked_for() -> None:

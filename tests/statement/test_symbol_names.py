@@ -25,20 +25,7 @@ MEANT = {
     **dict.fromkeys(keyword.kwlist, "a reserved word of Python"),
 }
 FREE = [
-    "x",
-    "lambda_1",
-    "lambda_",
-    "lamda",
-    "pi_1",
-    "E",
-    "I",
-    "S",
-    "gamma",
-    "match",
-    "type",
-    "self",
-    "dot",
-    "time",
+    *("x", "lambda_1", "lambda_", "lamda", "pi_1", "E", "I", "S", "gamma", "match", "type", "self", "dot", "time"),
     "ceil",
 ]
 MALFORMED = ["", "2x", "_x", "x-y", "é", "x" * 65]
