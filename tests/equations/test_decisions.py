@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from typing import Any
 
 import pytest
@@ -64,13 +62,6 @@ def test_what_cancels_is_not_there(name: str) -> None:
     kept = turning if name == "hoop" else "energy is conserved."
     assert f"no force acts beside the potential: the {kept}" in told
     assert all(f"{one} d" in told for one in ignorable.split()) and "not conserved" not in told
-
-
-def test_a_bead_on_a_turning_hoop_separates() -> None:
-    assert found(**STATED_BY_POSITIONS["hoop"][0]).sentences()[:2] == [
-        "The mass matrix is diagonal and constant.",
-        "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential.",
-    ]
 
 
 def test_an_integral_that_is_not_the_sum_of_the_energies_is_named() -> None:
@@ -176,10 +167,3 @@ def test_card_and_plot_say_what_was_found() -> None:
     run = wall.run(1.0)
     assert "(not found to be conserved)" in repr(run) and run.card()["energy"]["conserved"] is None
     assert run.plot().axes[2].get_title(loc="left") == "energy (not found to be conserved)"
-
-
-def test_findings_that_were_decided_are_copied() -> None:
-    parts, _ = STATED_BY_POSITIONS["hoop"]
-    structure = found(**parts)
-    sentences = structure.sentences()
-    assert pickle.loads(pickle.dumps(structure)).sentences() == copy.deepcopy(structure).sentences() == sentences

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+import lagrange
+from lagrange.equations.euler_lagrange import Equations, StateLayout, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Kind, reachable
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, c, chain, k, laws, m, model, stated, x, y, z
+from tests.models import SYSTEMS, chain, laws, model
 
 SMALL = [name for name in SYSTEMS if name not in ("chain of 7", "8 carried masses", "blocks")]
 
@@ -105,20 +108,6 @@ def test_the_mass_matrix_is_symmetric_to_the_node(name: str) -> None:
     assert all(equations.mass[i][j] is equations.mass[j][i] for i in range(n) for j in range(n))
 
 
-def test_every_coordinate_gets_its_force() -> None:
-    statement = stated(
-        kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2,
-        forces={x: k * y, y: -c * z.dot, z: m + x},
-        coordinates=[x, y, z],
-    )
-    equations = euler_lagrange(statement)
-    by_name = {node.data.removeprefix("parameter "): node for node in equations.parameters}
-    qx, qy, _ = equations.q
-    vz = equations.v[2]
-    expected = (by_name["k"] * qy, -(by_name["c"] * vz), by_name["m"] + qx)
-    assert equations.forces == expected
-
-
 def test_a_constant_mass_matrix_leaves_no_bias_beyond_the_forces() -> None:
     for name in ("oscillator", "Henon-Heiles", "Kepler orbit", "coupled masses", "8 carried masses", "saddle"):
         assert laws(name).bias == laws(name).forces
@@ -178,3 +167,38 @@ def test_blocks_are_solved_each_alone() -> None:
     factors = [node for node in reachable(laws("blocks").accelerations) if node.kind is Kind.FACTOR]
     assert sorted(node.data for node in factors) == [(2, ()), (2, ())]
     assert laws("blocks").structure.blocks == ((0, 2), (1, 3), (4,))
+
+
+# --- Where the parts of a state stand: read from the layout, and nowhere taken for halves ---
+
+
+PACKAGE = Path(lagrange.__file__).parent
+HALVES = re.compile(r"len\((y|y0|names|state\.y)\) // 2|shape\[\d\] // 2|np\.split\(\w+, 2\)|\.states // 2")
+
+
+def test_parts_of_different_sizes() -> None:
+    """As of a body whose place is a quaternion and whose rates are three."""
+    layout = StateLayout(("a", "b", "c", "d"), ("x", "y", "z"))
+    q, v = layout.split(np.arange(7.0))
+    assert layout.size == 7 and q.tolist() == [0, 1, 2, 3] and v.tolist() == [4, 5, 6]
+    assert layout.names() == ("a", "b", "c", "d", "x_dot", "y_dot", "z_dot")
+    assert layout.names(".dot")[4:] == ("x.dot", "y.dot", "z.dot")
+
+
+def test_programs_read_the_state_as_it_is_laid_out() -> None:
+    equations = laws("cart and pole")
+    sizes = [len(range(*rows.indices(equations.layout.size))) for rows in (equations.layout.q, equations.layout.v)]
+    assert [block.size for block in program_of("rhs", equations).inputs] == sizes == [2, 2]
+    assert equations.rate == equations.v and list(equations.state) == ["q", "v"]
+
+
+def test_nothing_that_runs_or_shows_takes_a_state_for_two_halves() -> None:
+    found = [
+        f"{path.relative_to(PACKAGE)}:{number}"
+        for folder in ("trajectory", "evidence", "show", "machine/kernel")
+        for path in sorted((PACKAGE / folder).rglob("*.py"))
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1)
+        if HALVES.search(line)
+    ]
+    assert not found
+    assert HALVES.search("n = len(y0) // 2") and HALVES.search("q, v = np.split(after, 2)")

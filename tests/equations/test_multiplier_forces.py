@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 from sympy import Rational, cos, sign, sin, sqrt
 
 import lagrange as lg
-from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.errors import StatementError
 from tests.refusals import refusal
 
@@ -161,11 +160,6 @@ def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11)
 
 
-def test_a_statement_without_multipliers_is_left_alone() -> None:
-    plain = incline(forces={x: -mu * x.dot}).statement
-    assert with_solved_multipliers(plain) is plain
-
-
 @pytest.mark.parametrize(
     ("more", "words"),
     [
@@ -249,11 +243,6 @@ def test_a_block_slides_on_a_floor_of_any_functions(curve: Any) -> None:
     expected = np.linalg.solve(rows, [2 * 9.81 * np.sin(0.6), -2 * 9.81 * np.cos(0.6), bend * 0.25])
     found = [*model.accelerations(q, v), *model.multipliers(q, v)]
     np.testing.assert_allclose(found, expected, rtol=1e-12)  # a regular 3 x 3 system in doubles
-
-
-def test_a_scene_has_multipliers_in_forces(tmp_path: Any) -> None:
-    found = lg.System.from_scene(incline().to_scene(tmp_path / "incline.toml")).statement
-    assert found.forces == incline().statement.forces and found.forces[0].has(NORMAL)
 
 
 def chain_on_a_rough_rail(links: int) -> lg.System:

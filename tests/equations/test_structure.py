@@ -54,24 +54,26 @@ def test_findings(name: str) -> None:
     assert found.conservative == (not found.forced)
 
 
-def test_a_coordinate_with_a_force_on_it_is_not_cyclic() -> None:
-    free = euler_lagrange(stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * x, coordinates=[x, y]))
-    assert free.structure.cyclic == (1,)
-    pushed = euler_lagrange(
-        stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * x, forces={y: c}, coordinates=[x, y])
-    )
-    assert pushed.structure.cyclic == ()
-    dragged = euler_lagrange(
-        stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, dissipation=c * y.dot**2, coordinates=[x, y])
-    )
-    assert dragged.structure.cyclic == (0,)
+FREE = {"kinetic": m * (x.dot**2 + y.dot**2) / 2, "coordinates": [x, y]}
 
 
-def test_a_force_on_one_coordinate_leaves_the_momentum_of_another() -> None:
-    equations = euler_lagrange(
-        stated(kinetic=m * (r.dot**2 + r**2 * phi.dot**2) / 2, forces={r: -k * r}, coordinates=[r, phi])
-    )
-    assert equations.structure.cyclic == (1,)
+@pytest.mark.parametrize(
+    ("parts", "cyclic"),
+    [
+        ({**FREE, "potential": k * x}, (1,)),
+        ({**FREE, "potential": k * x, "forces": {y: c}}, ()),
+        ({**FREE, "dissipation": c * y.dot**2}, (0,)),
+        ({"kinetic": r.dot**2 + r**2 * phi.dot**2, "forces": {r: -k * r}, "coordinates": [r, phi]}, (1,)),
+        ({**FREE, "kinetic": m * (x.dot + y.dot) ** 2 + m * (x.dot - y.dot) ** 2}, (0, 1)),
+    ],
+)
+def test_a_coordinate_with_a_force_on_it_is_not_cyclic(parts: dict[str, Any], cyclic: tuple[int, ...]) -> None:
+    found = euler_lagrange(stated(**parts)).structure
+    assert found.cyclic == cyclic and found.blocks == ((0,), (1,))
+
+
+def test_a_mass_that_depends_on_time_is_not_constant() -> None:
+    assert not euler_lagrange(stated(kinetic=m * (1 + t) * theta.dot**2 * l)).structure.constant_mass
 
 
 def test_explicit_time_is_found_and_time_that_cancels_is_not() -> None:
@@ -155,15 +157,3 @@ def test_blocks_are_the_connected_groups(n: int, pairs: list[tuple[int, int]]) -
     reached = np.linalg.matrix_power(full.astype(int), n) > 0
     expected = sorted({tuple(np.flatnonzero(row)) for row in reached})
     assert sorted(coupled([np.flatnonzero(row).tolist() for row in full])) == expected
-
-
-def test_zero_by_cancellation_splits_a_block() -> None:
-    equations = euler_lagrange(
-        stated(kinetic=m * (x.dot + y.dot) ** 2 / 2 + m * (x.dot - y.dot) ** 2 / 2, coordinates=[x, y])
-    )
-    assert equations.structure.blocks == ((0,), (1,))
-    assert equations.structure.cyclic == (0, 1)
-
-
-def test_a_mass_that_depends_on_time_is_not_constant() -> None:
-    assert not euler_lagrange(stated(kinetic=m * (1 + t) * theta.dot**2 * l)).structure.constant_mass
