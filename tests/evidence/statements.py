@@ -108,15 +108,6 @@ def earth_and_moon() -> Statement:
 
 
 ALL = (
-    pendulum,
-    charge,
-    bead_on_hoop,
-    pulled_pendulum,
-    driven_oscillator,
-    contact,
-    guarded_root,
-    relativistic,
-    half_line,
-    kepler,
-    earth_and_moon,
+    *(pendulum, charge, bead_on_hoop, pulled_pendulum, driven_oscillator, contact, guarded_root, relativistic),
+    *(half_line, kepler, earth_and_moon),
 )

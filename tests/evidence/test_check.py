@@ -10,10 +10,15 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.compiler import model_of
+from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.check import QUANTITIES, check
+from lagrange.evidence.quick import quick_check
 from lagrange.evidence.report import Report
+from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.model import Model
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.statement.coordinate import acceleration_of, coordinate, parameters
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
@@ -288,3 +293,32 @@ def test_fewer_than_one_point_is_refused(points: int) -> None:
 def test_infinite_values_are_no_numbers() -> None:
     report = checked(StandIn(statements.pendulum(), late=lambda name, v: v * math.inf if name == "energy" else v))
     assert "energy" in report.unexplained[0]
+
+
+# --- Models that were really compiled ---
+
+
+HONEST = 1e-13
+"""Rounding errors seen here are below 1e-14 of the size; the limit of the check is 2e-12."""
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
+def test_compiled_systems_hold_on_both_targets(make: Callable[[], Statement]) -> None:
+    statement = make()
+    equations = euler_lagrange(statement)
+    model, other = model_of(statement, LlvmMachine(), equations), model_of(statement, NumpyMachine(), equations)
+    report = check(model, other=other, points=3, seed=2)
+    assert report, str(report)
+    assert all(0 <= row.error < HONEST for row in report.rows), str(report)
+    quick_check(model)
+    quick_check(other)
+
+
+@pytest.mark.slow
+def test_a_chain_holds() -> None:
+    statement = statements.pendulum_chain(4)
+    model = model_of(statement, LlvmMachine())
+    quick_check(model)
+    report = check(model, points=1)
+    assert report, str(report)

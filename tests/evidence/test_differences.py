@@ -37,10 +37,6 @@ def test_mixed_derivatives() -> None:
     assert all(error < 1e-30 for error in found.error)
 
 
-def test_a_second_derivative_is_a_mixed_one_with_itself() -> None:
-    assert abs(central_mixed(lambda a, b: [MP.cos(a + b)], H, H)[0] + 1) < 1e-30
-
-
 def test_a_kink_shows_in_the_error_estimate() -> None:
     kinked = derivative(lambda h: [abs(h + H / 3)], H)
     assert kinked.error[0] > 0.01
@@ -53,13 +49,3 @@ def test_extrapolation_is_exact_for_fourth_degree(coefficients: list[int]) -> No
 
     slope = coefficients[1] if len(coefficients) > 1 else 0
     assert abs(derivative(polynomial, MP.mpf("1e-3")).value[0] - slope) < 1e-60
-
-
-def test_plain_differences_are_of_second_order() -> None:
-    off = [abs(central(lambda h: [MP.exp(h)], MP.mpf(10) ** -n)[0] - 1) for n in (3, 4)]
-    assert 99 < off[0] / off[1] < 101
-
-
-def test_extrapolation_takes_whole_rules() -> None:
-    found = extrapolate(lambda s: [2 + 5 * (s * H) ** 2, 1 / (1 + (s * H) ** 2)])
-    assert abs(found.value[0] - 2) < 1e-80 and abs(found.value[1] - 1) < 1e-70

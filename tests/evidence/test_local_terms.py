@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import pytest
 import sympy as sp
@@ -38,21 +37,6 @@ def test_rows_are_those_that_a_variable_stands_in() -> None:
     assert local.touched[0] == list(range(length))
     assert local.touched[4] == [3, 4, 5] and local.touched[length + 4] == [0, 3, 4, 5]
     assert local.touched[length - 2] == [length - 3, length - 2, length - 1]
-
-
-def test_rates_without_the_moved_entry_are_not_evaluated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Momenta contain x0 and their own velocities: beside x4 no rate of a momentum changes."""
-    length = LOCAL_FROM + 2
-    statement, rate = row(length), module.momentum_rate
-    evaluated: set[tuple[int, ...]] = set()
-
-    def watched(*args: Any) -> Any:
-        evaluated.add(tuple(range(length) if len(args) < 7 else args[6]))
-        return rate(*args)
-
-    monkeypatch.setattr(module, "momentum_rate", watched)
-    Reference(statement).at(Sampler(statement, 0).point(SAMPLE_KINDS[1]), [4, length + 4, 0, length])
-    assert evaluated == {(), (4,), tuple(range(length))}
 
 
 def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) -> None:

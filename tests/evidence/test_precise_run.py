@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mpmath
@@ -12,8 +12,9 @@ from sympy import Abs, cos
 
 from lagrange.compiler import machine, model_of
 from lagrange.errors import RunError
-from lagrange.evidence.precise_run import precise_run
+from lagrange.evidence.precise_run import NoValue, evaluate, precise_run
 from lagrange.machine.model import Model
+from lagrange.program.program import Instruction, Program, ProgramBlock
 from lagrange.statement.coordinate import t
 from tests.models import c, double_pendulum, k, m, stated, x
 
@@ -142,3 +143,33 @@ def test_two_settings_agree_to_the_digits_of_the_lesser() -> None:
     rough, fine = (run(statement, [3.0], digits=digits)[0] for digits in (18, 26))
     assert 0 < off(rough, fine) < 1e-17
     assert np.isfinite([float(value) for value in fine]).all()
+
+
+# --- Systems whose pivots vanish in their order ---
+
+
+def solving(lower: Sequence[float]) -> Program:
+    """Return a program that solves A x = y for two unknowns; `lower` is the triangle of A by rows."""
+    code = [Instruction("constant", value=value) for value in lower]
+    code.append(Instruction("factor", (0, 1, 2), order=2))
+    code += [Instruction("state", place=0), Instruction("state", place=1), Instruction("solve", (3, 4, 5), order=2)]
+    code += [Instruction("component", (6,), place=0), Instruction("component", (6,), place=1)]
+    return Program("f", (ProgramBlock("y", 2),), 0, tuple(code), 0, (7, 8), (ProgramBlock("x", 2),), (2,))
+
+
+@pytest.mark.parametrize(
+    ("lower", "x"),
+    [
+        ((4.0, 2.0, 3.0), [-0.125, 0.75]),
+        ((0.0, 2.0, 0.0), [1.0, 0.5]),
+        ((1e-300, 2.0, 0.0), [1.0, 0.5]),
+        ((0.0, 1.0, 5.0), [-3.0, 1.0]),
+    ],
+)
+def test_pivots_that_vanish(lower: Sequence[float], x: list[float]) -> None:
+    assert [float(one) for one in evaluate(solving(lower), 0.0, [1.0, 2.0], [])] == x
+
+
+def test_a_singular_matrix_has_no_solution() -> None:
+    with pytest.raises(NoValue, match="a matrix is singular"):
+        evaluate(solving((1.0, 1.0, 1.0)), 0.0, [1.0, 2.0], [])

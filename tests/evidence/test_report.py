@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 import math
 
-from lagrange.evidence.report import ReferenceEntries, Report, ReportRow
+from lagrange.evidence.report import Report, ReportRow
 
 GOOD = ReportRow("L", 1.5e-16, "lagrangian", 2, 5, 1.0, 1.0, holds=True)
 BAD = ReportRow("accelerations", 0.25, "theta", 1, 5, 3.0, 4.0, holds=False)
@@ -63,12 +63,3 @@ def test_it_is_plain_data_for_json() -> None:
     assert data["holds"] is False and data["system"] == "pendulum"
     assert data["rows"][1]["entry"] == "theta" and data["rows"][1]["holds"] is False
     assert data["outside"] == {"logarithm of zero": 3} and len(data["failures"]) == 1
-
-
-def test_sizes_are_converted_once_for_the_states_of_a_batch() -> None:
-    """The sizes of the 86,436 entries of a mass matrix were converted to doubles again for each of eleven states."""
-    entries = ReferenceEntries([2.0, 0], [1e-30, 0], [3.0, 0])
-    others = entries.around([2.5, 0.0])
-    assert others.allowance[0] is entries.allowance[0]
-    assert others.allowance[1].tolist() == [0.0, 0.0]
-    assert others.doubles[0].tolist() == [2.5, 0.0]

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import pytest
+
+import lagrange as lg
+from lagrange.evidence.agreement import compared, holds
 from lagrange.evidence.sample import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
@@ -81,3 +85,25 @@ def test_a_point_describes_itself_in_the_users_symbols() -> None:
     (symbol,) = (parameters("m"),)
     text = SamplePoint((0.1,), (2.0,), 3.0, {symbol: 4.0}, "").describe(["theta"])
     assert text == "theta = 0.10000000000000001, theta_dot = 2, t = 3, m = 4"
+
+
+# --- What counts as agreement at random states ---
+
+
+def test_the_first_false_decides_and_too_few_values_decide_nothing() -> None:
+    assert holds(range(9), lambda k: True if k % 2 else None, 4) is True
+    assert holds(range(9), lambda k: True if k % 2 else None, 5) is None
+    assert holds(range(9), lambda k: k < 2, 2) is True
+    assert holds(range(9), lambda k: k < 2, 3) is False
+
+
+def test_a_wrong_formula_is_refused_and_one_without_values_is_not() -> None:
+    statement = lg.scene("pendulum").statement
+
+    def values(share: float, point: SamplePoint) -> tuple[list[float], list[complex]]:
+        return [1.0, point.q[0]], [1.0, point.q[0] * share]
+
+    compared("the formula", statement, lambda point: values(1 + 1e-12, point))
+    compared("the formula", statement, lambda point: values(float("nan"), point))
+    with pytest.raises(lg.RunError, match="the formula of pendulum is wrong"):
+        compared("the formula", statement, lambda point: values(1 + 1e-6, point))
