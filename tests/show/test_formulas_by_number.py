@@ -33,15 +33,8 @@ from tests.models import shared_scene, stated_in
 from tests.show import formula_readers
 
 LONG = (
-    "pleiades",
-    "seven-body-mechanism",
-    "hanging-chain",
-    "spinning-top",
-    "slider-crank",
-    "free-flip",
-    "sun-earth-moon",
-    "four-bar-ladder",
-    "four-bar-change-point",
+    *("pleiades", "seven-body-mechanism", "hanging-chain", "spinning-top", "slider-crank", "free-flip"),
+    *("sun-earth-moon", "four-bar-ladder", "four-bar-change-point"),
 )
 SCENES = [
     pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))

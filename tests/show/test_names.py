@@ -4,7 +4,9 @@ import re
 
 import pytest
 
+from lagrange.page.document import filled
 from lagrange.show.notation.symbols import GREEK, latex_text, letters, markdown_text, plain_text
+from lagrange.show.terminal import text_table
 
 
 @pytest.mark.parametrize(
@@ -71,3 +73,31 @@ def test_markdown_text_has_no_mark_of_the_author() -> None:
 
 def test_plain_text_is_one_line_without_controls() -> None:
     assert plain_text(" a\tb\n c\x1b[2J\u202e ") == "a b c[2J"
+
+
+# --- Tables in plain text ---
+
+
+def test_text_is_aligned_and_numbers_are_flush_right() -> None:
+    table = text_table(("name", "n"), [("a", 1), ("long one", 200)])
+    assert table.splitlines() == ["name        n", "--------  ---", "a           1", "long one  200"]
+
+
+def test_without_headings_there_is_no_rule() -> None:
+    assert text_table(("", ""), [("a", "b"), ("cc", "d")]).splitlines() == ["a   b", "cc  d"]
+
+
+def test_a_table_without_rows() -> None:
+    assert text_table(("name", "n"), []).splitlines() == ["name  n", "----  -"]
+
+
+# --- Templates of pages are filled once: nothing that is put in is read as a field ---
+
+
+def test_parts_stay_text() -> None:
+    assert filled("<{{a}}|{{b}}>{ {{{a}}}", {"a": "{{b}}", "b": r"\1 {{a}}"}) == r"<{{b}}|\1 {{a}}>{ {{{b}}}"
+
+
+def test_a_field_without_a_part_is_a_fault() -> None:
+    with pytest.raises(KeyError):
+        filled("{{a}}", {})

@@ -25,28 +25,8 @@ GOLDEN = {
 }
 COMMANDS = GREEK | frozenset(
     [
-        "pi",
-        "dot",
-        "ddot",
-        "frac",
-        "sqrt",
-        "left",
-        "right",
-        "bigl",
-        "bigr",
-        "quad",
-        "qquad",
-        "times",
-        "sin",
-        "cos",
-        "ln",
-        "partial",
-        "begin",
-        "end",
-        "section",
-        "mathrm",
-        "mathcal",
-        "text",
+        *("pi", "dot", "ddot", "frac", "sqrt", "left", "right", "bigl", "bigr", "quad", "qquad", "times", "sin"),
+        *("cos", "ln", "partial", "begin", "end", "section", "mathrm", "mathcal", "text"),
     ]
 )
 """Commands that LaTeX and its package amsmath have; the preamble aside, a page has no other."""

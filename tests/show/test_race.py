@@ -182,10 +182,6 @@ def test_no_two_methods_look_alike() -> None:
     assert dark.get_facecolor() == dark.axes[0].get_facecolor() != made(entries).plot().get_facecolor()
 
 
-def test_the_picture_is_written(tmp_path: Path) -> None:
-    assert made().to_png(tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_there_may_be_nothing_to_draw() -> None:
     with pytest.raises(StatementError, match="nothing to plot"):
         made(ENTRIES[4:]).plot()

@@ -148,12 +148,6 @@ def test_the_card_says_what_was_aimed_at() -> None:
     assert "tolerances    rtol = 1e-09, atol follows the scale" in repr(scaled)
 
 
-def test_html_is_escaped() -> None:
-    run = oscillator(status=Status.NON_FINITE, message="<script>alert(1)</script> & more")
-    text = run._repr_html_()
-    assert "<script>" not in text and "&lt;script&gt;" in text and "&amp; more" in text and text.startswith("<table>")
-
-
 def test_require_raises_on_all_but_success_and_event() -> None:
     for status in Status:
         run = oscillator(status=status, message=f"It was {status.value}.")
@@ -259,10 +253,6 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path, method: str) -> None:
     with pytest.raises(StatementError, match="there is no folder"):
         getattr(HARMONIC, method)(tmp_path / "missing" / "file")
-
-
-def test_png_is_written(tmp_path: Path) -> None:
-    assert HARMONIC.to_png(tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_solutions_are_frozen() -> None:

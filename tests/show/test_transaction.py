@@ -97,16 +97,6 @@ def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
         assert found["then"] == {**OLD, **MINE, "a.csv": "new"}
 
 
-def test_links_are_followed_and_permissions_are_kept(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "real.csv").write_text("old")
-    (tmp_path / "real.csv").chmod(0o640)
-    (tmp_path / "out" / "a.csv").symlink_to("../real.csv")
-    assert write_together(tmp_path / "out", {"a.csv": text("new")}) == [tmp_path / "real.csv"]
-    assert (tmp_path / "out" / "a.csv").is_symlink() and (tmp_path / "real.csv").read_text() == "new"
-    assert (tmp_path / "real.csv").stat().st_mode & 0o777 == 0o640
-
-
 def test_what_is_no_place_for_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").mkdir()
     with pytest.raises(StatementError, match=r"a\.csv: it is a folder\. Name a file in it\."):
