@@ -67,7 +67,7 @@ class Taylor:
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan of the method for a problem."""
         tolerances = adaptive_settings(
-            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=_margin
+            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem.model)
         )
         events = impacts_of(problem.model, problem.events)
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
@@ -143,9 +143,16 @@ class TaylorPlan:
         return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
 
 
-def _margin(rtol: float) -> float:
-    """Return the fraction of the tolerances at which steps aim."""
-    return STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
+QUATERNION_MARGIN = 0.25
+"""Further factor on the tolerances of a system with rotations: errors of steps change the lengths of quaternions, always
+in one direction. The length then stays within 1e-13 of 1 over 1e5 steps at the default tolerance.
+"""
+
+
+def _margin(model: Model, rtol: float) -> float:
+    """Return the fraction of the tolerances at which the steps for a model aim."""
+    margin = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
+    return margin * QUATERNION_MARGIN if model.statement.rotations else margin
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
