@@ -144,8 +144,8 @@ class TaylorPlan:
 
 
 QUATERNION_MARGIN = 0.25
-"""Further factor on the tolerances of a system with rotations: errors of steps change the lengths of quaternions, always
-in one direction. The length then stays within 1e-13 of 1 over 1e5 steps at the default tolerance.
+"""Further factor on the tolerances of a system with rotations. Errors of steps change the lengths of quaternions. With
+this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tolerance.
 """
 
 
