@@ -10,7 +10,7 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
-        *("array_source", "backend", "calls", "copies", "event_memory"),
+        *("backend", "calls", "copies", "event_memory"),
         *("parameters", "printed_run", "python_source", "state", "step_events"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -71,12 +71,6 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
         return True
     found = quickly(kernel, parameters, 0.0, np.zeros(program.states))
     return found is None or 0.0 in found.tolist()
-
-
-def column_of_zero(kernel: Kernel, t: Any, inputs: Sequence[FloatArray], parameters: FloatArray) -> int | None:
-    """Return the index of the first state of a batch with a zero among its results, or None. For one state it is 0."""
-    zeros = (kernel.columns(t, [one.reshape(len(one), -1) for one in inputs], parameters) == 0.0).any(axis=0)
-    return int(np.argmax(zeros)) if zeros.any() else None
 
 
 FEW_ENTRIES = 64

@@ -16,7 +16,7 @@ from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix
-from lagrange.machine.dense.llvm_dense import LlvmStepDense
+from lagrange.machine.dense.llvm_dense import LlvmDense, step_dense
 from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.kernel.llvm_module import STORED_TOGETHER, fit
@@ -118,9 +118,9 @@ class LlvmMachine:
 
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
-    ) -> LlvmStepDense:
+    ) -> LlvmDense:
         """Return the dense output for a kind of step polynomial, compiled at its first use."""
-        return LlvmStepDense(kind, kernel, parameters, jacobian)
+        return step_dense(kind, kernel, parameters, jacobian)
 
     def event_steps(
         self,

@@ -29,7 +29,7 @@ from lagrange.machine.backend import (
     Series,
     SingularMassMatrix,
 )
-from lagrange.machine.calls import Quick, column_of_zero, may_vanish, nothing, scalar, surely_finite
+from lagrange.machine.calls import Quick, may_vanish, nothing, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
@@ -224,7 +224,8 @@ class Model:
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
-        return self._of_whole("jacobian", t, y, parameters)
+        found = self._quick["jacobian"].whole(t, y) if parameters is None else None
+        return self._run("jacobian", t, self._checked_state(y), parameters) if found is None else found
 
     def mass_matrix(
         self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None, v: ArrayLike | None = None
@@ -321,14 +322,6 @@ class Model:
         rows = None if kept is None else [whole_number(i, "kept", 0, last) for i in indices]
         return self._made.again(statement, rows)
 
-    def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity at (t, y). A quick call is used for one plain state with the default parameters."""
-        if parameters is None:
-            found = self._quick[name].whole(t, y)
-            if found is not None:
-                return found
-        return self._run(name, t, self._checked_state(y), parameters)
-
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity at (t, q, v). A quick call is used for one plain state with the default parameters."""
         if parameters is None:
@@ -417,8 +410,9 @@ class Model:
         if found is not None:
             return 0 if 0.0 in found.tolist() else None
         q, v = self._state(q, v)
-        t, parameters = self._time(t, q), self.parameter_array(parameters)
-        return column_of_zero(self._masses, t, (q, v), parameters)
+        inputs = [part.reshape(len(part), -1) for part in (q, v)]
+        zeros = (self._masses.columns(self._time(t, q), inputs, self.parameter_array(parameters)) == 0.0).any(axis=0)
+        return int(np.argmax(zeros)) if zeros.any() else None
 
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None

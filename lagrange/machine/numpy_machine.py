@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.step.controlled_steps import steps_of
 from lagrange.algorithm.step.memory import Layout
-from lagrange.machine.backend import Callback, DensePath, FloatArray, Kernel
-from lagrange.machine.dense.interpreted_dense import NumpyStepDense
+from lagrange.machine.backend import Callback, FloatArray, Kernel
+from lagrange.machine.dense.interpreted_dense import NumpyDense, step_dense
 from lagrange.machine.kernel.python_kernel import kernel_in_python
 from lagrange.machine.printed_run import PrintedProcedure, between_arrays, called
 from lagrange.machine.series.interpreted_series import NumpySeries
-from lagrange.machine.steps.driver import StepDriver
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -66,17 +66,9 @@ class NumpyMachine:
 
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
-    ) -> NumpyStepDense:
+    ) -> NumpyDense:
         """Return the dense output for a kind of step polynomial, printed as Python on arrays."""
-        return NumpyStepDense(kind, kernel, parameters, jacobian)
+        return step_dense(kind, kernel, parameters, jacobian)
 
-    def event_steps(
-        self,
-        driver: StepDriver,
-        events: Program,
-        resets: Program | None,
-        parameters: FloatArray,
-        dense: DensePath,
-        screen: DensePath | None,
-    ) -> None:
+    def event_steps(self, *_: Any, **__: Any) -> None:
         """Return None: the caller searches many steps at once for events with NumPy, faster than a Python loop."""

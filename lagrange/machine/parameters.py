@@ -121,7 +121,9 @@ class ParameterValues:
                 f"{listing(p.name for p in parameters)} in this order, or a dict."
             )
         values = array.tolist()
-        if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
+        if values and not (
+            math.isfinite(sum(values)) and (min(values) >= 0.0 or all(values[i] >= 0.0 for i in self._positive))
+        ):
             # An array must satisfy the same conditions as a dict. The dict raises the error.
             self._overlaid(dict(zip(parameters, values, strict=True)))
         return array
@@ -130,7 +132,3 @@ class ParameterValues:
     def _positive(self) -> list[int]:
         """Indices of the parameters that must not be negative."""
         return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]
-
-    def _may_be_negative(self, values: list[float]) -> bool:
-        """Return True if the parameters that must not be negative have values of at least zero."""
-        return all(values[i] >= 0.0 for i in self._positive)

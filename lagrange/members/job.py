@@ -68,8 +68,8 @@ class Job:
             return pickle.dumps(replace(self, problem=replace(self.problem, progress=None)))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise StatementError(
-                f"the ensemble cannot be sent to other processes: {error}. A function that a method or an event is "
-                "made of must be one of a module, not a lambda or one inside another function."
+                f"the ensemble cannot be sent to other processes: {error}. Define the functions of methods and "
+                "events at the top level of a module: lambdas and nested functions cannot be pickled."
             ) from error
 
 

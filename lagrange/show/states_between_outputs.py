@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.trajectory.measures.sampling import divided
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

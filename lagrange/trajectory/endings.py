@@ -13,11 +13,10 @@ from lagrange.equations.singular import Singular, dependent_rows, few, motion_al
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
-from lagrange.trajectory.constraints.approach import regularity
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
-from lagrange.trajectory.constraints.passage import Nearness, dependent_passage
+from lagrange.trajectory.constraints.passage import Nearness, dependent_passage, regularity
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, number, row_names
+from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
@@ -56,7 +55,8 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) because a motion has no inertia left, else ""."""
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
-        return _lost_rank(problem, t, y)
+        singular = regularity(model, parameters, (problem.t0, problem.y0), (t, y))
+        return "" if singular is None or not singular[0] < LOST_INERTIA else rank_lost(problem, y, *singular)
     kernel = model.kernel("mass_matrix")
     before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
     sizes = np.abs(np.diag(before))
@@ -69,7 +69,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     left, null = float(abs(values[which])), vectors[:, which]
     if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
         return ""
-    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     return (
         f"the mass matrix d2L/dv2 degenerates there, at {state}: a motion with "
         f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
@@ -78,19 +78,13 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     )
 
 
-def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends because constraints become dependent or no inertia is left, else ""."""
-    here = regularity(problem.model, problem.parameter_array, (problem.t0, problem.y0), (t, y))
-    return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
-
-
 def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
     """Return the message for a run that ends at a state (2n,) with nearly singular constraints or inertia.
 
     `share` is the least singular value of G or M relative to the start. `found` has the dependent constraints, or the
     motion without inertia.
     """
-    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
     if found.motion is not None:
         return (
@@ -110,7 +104,7 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) where two motions cross, and errors would choose one."""
-    state = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     names = problem.model.equations.constraints.names
     return (
         f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
@@ -272,7 +266,13 @@ def _coincide(times: Sequence[FloatArray]) -> bool:
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
     """Return the first event of `contacts` that reset the motion at some zeros but let it pass at others, or None."""
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
-    t, y = _between_impacts(trajectory, contacts, forward)
+    if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
+        t, y = trajectory.t, trajectory.y
+    else:
+        # The outputs, and the midpoints between impacts.
+        impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
+        t = forward * np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
+        y = trajectory.dense(t)
     nodes = tuple(model.equations.translate(problem.events[i].expression) for i in contacts)
     with np.errstate(all="ignore"):
         values = model.function("contacts", nodes)(t, np.ascontiguousarray(y), problem.parameter_array)
@@ -289,15 +289,6 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
         if passes.any() and acts[free[:-1]].sum() > passes.sum():
             return i
     return None
-
-
-def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) between impacts, the outputs and the midpoints, and the states (2n, k) at these times."""
-    impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
-    t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
-    if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
-        return trajectory.t, trajectory.y
-    return forward * t, trajectory.dense(forward * t)
 
 
 STANDING = 2.0**-42
@@ -318,14 +309,14 @@ NEIGHBOURS, OCTAVES = 8, 40
 """Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""
 
 
-def unresolved(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a coordinate whose spacing of doubles is too coarse for the forces, else "".
+def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a run, with the status UNRELIABLE if the spacing of doubles of a coordinate is too coarse for the forces.
 
     The test uses the median difference of the forces between neighbouring doubles. At a jump of the forces only one
     difference is large, so jumps are not reported.
     """
     if not trajectory.status.complete or not trajectory.y.size:
-        return ""
+        return trajectory
     layout = problem.model.layout
     begin, end = problem.y0.tolist(), trajectory.y[:, -1].tolist()
     for i in range(layout.q.stop):
@@ -334,19 +325,12 @@ def unresolved(problem: Problem, trajectory: Trajectory) -> str:
             ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
             if all(_is_rough(problem, t, y, i) for t, y in ends):
                 name = layout.coordinates[i]
-                return (
+                note = (
                     f"{name} is {last:.4g}, where doubles are {math.ulp(last):.2g} apart, and forces change much over "
                     f"that: the run does not follow the motion. Start {name} nearer to zero, an angle within a turn."
                 )
-    return ""
-
-
-def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run, with the status UNRELIABLE if doubles do not resolve a large coordinate."""
-    note = unresolved(problem, trajectory)
-    if not note:
-        return trajectory
-    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
+                return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
+    return trajectory
 
 
 def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:

@@ -133,10 +133,7 @@ class Flow:
         self._begin(self._plan, state, start, t0, t1)
         if times is not None:
             return self._at_times(driver, state, start, (t0, t1), parameters, times)
-        if self._rtol:
-            reached = self._over_no_crossing(driver, state, (t0, start), array)
-        else:
-            reached = self._to_end(driver, state, parameters)
+        reached = self._to_end(driver, state, parameters, start)
         return state.y.copy() if reached else self._by_run(start, t0, t1, parameters)[:, -1].copy()
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
@@ -158,48 +155,41 @@ class Flow:
         """Return the states (2n, N) at output times, which the driver writes during its steps."""
         state.outputs = outputs = Outputs(times, self._dimension)
         try:
-            if self._to_end(driver, state, parameters):
+            if self._to_end(driver, state, parameters, start):
                 end = state.y[:, None].copy()
                 return outputs.joined(times, lambda _rest: end)
         finally:
             state.outputs = NO_OUTPUTS
         return self._by_run(start, *span, parameters, times)
 
-    def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
-        """Advance to the end of a run; return True if it was reached."""
-        outcome = Outcome.PAUSED
-        left, steps = self._max_steps, FIRST_STEPS
+    def _to_end(
+        self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None, start: FloatArray
+    ) -> bool:
+        """Advance from the state `start` to the end of a run. Return True if it was reached.
+
+        The result is also False where rounding decided the motion, after a state with dependent constraints.
+        """
+        counts, times, rows, passed = state.integers, _NO_TIMES, _NO_ROWS, self._local.passed if self._rtol else None
+        outcome, left, steps, begin = Outcome.PAUSED, self._max_steps, FIRST_STEPS, (state.t, start)
+        if passed is not None:
+            passed.begin(begin)
+            counts[DriverState.RECORD], steps = 1, STEPS_PER_LOOK
         while outcome in _GOES_ON and left > 0:
-            outcome = driver.advance(state, min(left, steps), _NO_TIMES, _NO_ROWS)
-            left, steps = left - steps, MOST_STEPS_PER_CALL
+            if passed is not None:
+                counts[DriverState.ROWS] = 0
+                times, rows = passed.room()
+            outcome = driver.advance(state, min(left, steps), times, rows)
+            left -= steps
             if outcome is Outcome.PAUSED and self._stays_slow(state, self._max_steps - left):
                 return False
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
-        return outcome is Outcome.DONE
-
-    def _over_no_crossing(
-        self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
-    ) -> bool:
-        """Advance to the end of a run. Return True if it was reached, and rounding decided the motion nowhere.
-
-        Rounding decides the motion where constraints are dependent. `start` is the first time and state.
-        """
-        passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
-        passed.begin(start)
-        counts[DriverState.RECORD] = 1
-        outcome = Outcome.PAUSED
-        left = self._max_steps
-        while outcome in _GOES_ON and left > 0:
-            counts[DriverState.ROWS] = 0
-            outcome = driver.advance(state, min(left, STEPS_PER_LOOK), *passed.room())
-            left -= STEPS_PER_LOOK
-            if outcome is Outcome.PAUSED and self._stays_slow(state, self._max_steps - left):
-                return False
-            if outcome is Outcome.UNSCALED:
-                survey(model, parameters, state)
-            if passed.lead_over(counts[DriverState.ROWS], model, start, parameters, rtol):
-                return False
+            if passed is None:
+                steps = MOST_STEPS_PER_CALL
+            else:
+                array = self._model.parameter_array(parameters)
+                if passed.lead_over(counts[DriverState.ROWS], self._model, begin, array, self._rtol):
+                    return False
         return outcome is Outcome.DONE
 
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
@@ -225,18 +215,14 @@ class Flow:
         if local.driver is None or local.parameters != parameters:
             local.driver = plan.driver(model, model.parameter_array(parameters))
             local.parameters = None if parameters is None else dict(parameters)
-            local.state = self._fresh(plan)
+            # Every run of the flow starts from a copy of a state for a run from 0 to 1.
+            local.state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
+            local.state.counts[:] = 0
+            self._first = local.state.reals.copy()
             local.driver.adopt(local.state)
             if self._rtol:
                 local.passed = StatesPassed(self._dimension)
         return local.driver, local.state
-
-    def _fresh(self, plan: Plan) -> DriverState:
-        """Return a new driver state, for a run from 0 to 1. Every run of the flow starts from a copy of it."""
-        state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
-        state.counts[:] = 0
-        self._first = state.reals.copy()
-        return state
 
     def _begin(self, plan: Plan, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
         settings, reals = plan.tolerances, state.floats

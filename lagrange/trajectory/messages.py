@@ -128,15 +128,18 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
     if status.at_end or status is Status.INTERRUPTED:
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
-    grown = _grown(problem, y)
+    sizes = np.abs(y[np.isfinite(y)])
+    grown = bool(sizes.max(initial=0.0) > BLOW_UP_GROWTH * (float(np.abs(problem.y0).max()) or 1.0))
     stray = rtol is None or rtol >= LOOSE_RTOL or grown
     if status in (Status.MAX_STEPS, Status.MAX_WALL):
         coarser = "lengthen the step" if rtol is None else "loosen rtol"
+        nodes = reachable(problem.model.equations.accelerations) if rtol is not None else ()
+        jumps = any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
         return _GIVEN_UP.format(
             limit="max_steps" if status is Status.MAX_STEPS else "max_wall",
             other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
             events=", or end the run at an event with terminal=True" if problem.events else "",
-            jumps=_STICKS if rtol is not None and _forces_jump(problem) else "",
+            jumps=_STICKS if jumps else "",
             stiff="" if method == "radau5" else _STIFF,
         )
     if status is Status.MAX_MEMORY:
@@ -152,18 +155,6 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         what = "Take a shorter step, or a method with step control" if rtol is None else "Take another method,"
         return f"{what} such as {other}; {_JUMPS}"
     return ""
-
-
-def _forces_jump(problem: Problem) -> bool:
-    """Return True if the accelerations contain a sign function."""
-    nodes = reachable(problem.model.equations.accelerations)
-    return any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
-
-
-def _grown(problem: Problem, y: FloatArray) -> bool:
-    """Return True if the finite entries of a state have grown by `BLOW_UP_GROWTH` since the start."""
-    sizes = np.abs(y[np.isfinite(y)])
-    return bool(sizes.max(initial=0.0) > BLOW_UP_GROWTH * (float(np.abs(problem.y0).max()) or 1.0))
 
 
 def unsolved(residual: float) -> str:
@@ -213,7 +204,7 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
         return ""
-    entry = row_names(problem)[int(np.argmin(np.abs(y)))]
+    entry = problem.model.layout.names()[int(np.argmin(np.abs(y)))]
     return f"{entry} is 0, and atol = 0 leaves it no tolerance: leave atol out, and it follows the size of each entry."
 
 
@@ -224,7 +215,7 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
     `atol` is the present absolute tolerance of the largest entry.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
-    names, (row, largest) = row_names(problem), which
+    names, (row, largest) = problem.model.layout.names(), which
     return (
         f"It used up {limit}, because {names[row]} limits the step: it is {y[row]:.2g} while {names[largest]} is "
         f"{y[largest]:.2g}, and without atol each entry is accurate to rtol of its own size. Give atol = {atol:.0e}, "
@@ -251,7 +242,10 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not short:
         return
     row = min(short, key=sizes.__getitem__)
-    entry, asked = f"{row_names(problem)[row]} does not exceed {sizes[row]:.3g}", f"rtol = {tolerances.rtol:g} asks for"
+    entry, asked = (
+        f"{problem.model.layout.names()[row]} does not exceed {sizes[row]:.3g}",
+        f"rtol = {tolerances.rtol:g} asks for",
+    )
     lower = tolerances.rtol * sizes[row]
     if tolerances.share or lower < sys.float_info.min:
         yield f"{entry}, near the smallest of all doubles, and has fewer digits than {asked}: {UNITS}."
@@ -263,11 +257,6 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
             f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {asked}: {leave}lower it to some "
             f"{lower:.0e}."
         )
-
-
-def row_names(problem: Problem) -> tuple[str, ...]:
-    """Return the names of the 2n rows of the state: theta, then theta_dot."""
-    return problem.model.layout.names()
 
 
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
@@ -292,7 +281,7 @@ def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None)
 def largest(problem: Problem, y: FloatArray) -> str:
     """Return a phrase with the largest entry of a state: ``x_dot is -1.2e+15``."""
     row = int(np.argmax(np.abs(y)))
-    return f"{row_names(problem)[row]} is {y[row]:.4g}"
+    return f"{problem.model.layout.names()[row]} is {y[row]:.4g}"
 
 
 def number(value: float) -> str:

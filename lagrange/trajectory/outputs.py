@@ -13,8 +13,8 @@ from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.statement.expression import real_array
-from lagrange.trajectory.constraints.approach import Approach
-from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
+from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity, may_be_discontinuous
+from lagrange.trajectory.constraints.passage import Approach
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
@@ -86,10 +86,10 @@ class AcceptedStates:
             self.followed.follow(self.parts, self.removed, last=last)
 
     def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
-        """Test the states of this run, over a time `span`, for discontinuities if the model has constraints."""
-        if len(model.equations.constraints):
-            self.discontinuities = Discontinuities.of(model, parameters, span)
-            self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
+        """Test the states of this run, over a time `span`, for discontinuities and for nearly dependent constraints."""
+        if may_be_discontinuous(model):
+            self.discontinuities = Discontinuities(model, parameters, span)
+        self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
 
     def discontinuity(self) -> Discontinuity | None:
         """Return the first discontinuity of constraints among the new states, or None."""
@@ -178,7 +178,9 @@ class FollowedSteps:
         rows, ends, whole = self._breaks.since(ended)
         here = rows[rows < first + len(times)] - first
         begins, lasts = np.append(0, here + 1), np.append(here, len(times) - 1)
-        for motion in self._wanted_of(times[lasts]):
+        until = np.searchsorted(self._rising, self._forward * times[lasts])
+        # The smooth pieces that contain output times.
+        for motion in np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist():
             begin, end = int(begins[motion]), int(lasts[motion])
             if motion == len(here) and not last:
                 break
@@ -190,11 +192,6 @@ class FollowedSteps:
         keep = self._finish(times[begins[-1] :], states[begins[-1] :], last=last)
         kept = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
         self._known = *kept, first + len(times) - keep, ended + len(here), removed + len(parts)
-
-    def _wanted_of(self, ends: FloatArray) -> list[int]:
-        """Return the indices of the smooth pieces, with the last times `ends`, that contain output times."""
-        until = np.searchsorted(self._rising, self._forward * ends)
-        return np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist()
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
         """Evaluate the outputs on the present smooth piece. Return the number of its states that must be kept."""

@@ -22,7 +22,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import Part
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of
 from lagrange.trajectory.tableaux.butcher import moved
-from lagrange.trajectory.tableaux.dopri5 import dopri5
+from lagrange.trajectory.tableaux.classical import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 LAST_ROWS = 64
@@ -72,21 +72,12 @@ def _led_back(
             slope = values[first : first + len(states)]
             mirrored = states - 2 * g * slope / (slope**2).sum(axis=0)
             beyond = kernel(times, mirrored, problem.parameter_array)[[which, count + which]]
-            if _lead_back(np.array([g, rise]), beyond, covered * np.sign(problem.t1 - problem.t0)):
+            (other, rise_there), duration = beyond, covered * np.sign(problem.t1 - problem.t0)
+            near = (np.abs(g) <= np.abs(rise * duration)) & (g * other < 0)
+            back = (g * rise * duration < 0) & (other * rise_there * duration < 0)
+            if (g != 0).any() and (near & back)[g != 0].all():
                 return which
     return None
-
-
-def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
-    """Return True if the motion on both sides of a surface leads to it within a time, negative for a run backwards.
-
-    `here` and `beyond` are the values and rates (2, k) of the surface at k states and at their mirror images.
-    """
-    (g, rise), (other, rise_there) = here, beyond
-    near = (np.abs(g) <= np.abs(rise * time)) & (g * other < 0)
-    back = (g * rise * time < 0) & (other * rise_there * time < 0)
-    apart = g != 0
-    return bool(apart.any() and (near & back)[apart].all())
 
 
 FIRST_LOOK = 4096

@@ -20,8 +20,7 @@ from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.paths.piecewise import PiecewisePath
+from lagrange.trajectory.paths.known import OutputPath, PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 
@@ -123,7 +122,13 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
     the parameters before it.
     """
     # Each segment has the same event objects, so that methods prepare them once.
-    ending = tuple(_ending(event, problem) if event.settings else event for event in problem.events)
+    # A reset is kept, because an event with a direction and a reset is a contact. With constraints it is left out: the
+    # state after it has to satisfy the constraints with the new parameters.
+    constrained = bool(problem.model.equations.constraints)
+    ending = tuple(
+        Event(event.expression, event.direction, 1, {} if constrained else event.reset) if event.settings else event
+        for event in problem.events
+    )
     segment, counter, acting = replace(problem, events=ending), ChangeCounter(), list[int]()
     parts, begins, values, added, tries = list[Trajectory](), [problem.t0], [problem.parameter_array], [0.0], 0
     while True:
@@ -161,16 +166,6 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             break
     whole_run = joined(problem, parts, _told(problem, parts), both_at_joints=True)
     return replace(whole_run, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
-
-
-def _ending(event: Event, problem: Problem) -> Event:
-    """Return an event that sets parameters as a terminal event, which ends a segment.
-
-    The reset is kept, because an event with a direction and a reset is a contact. With constraints the reset is left
-    out: the state after it has to satisfy the constraints with the new parameters.
-    """
-    reset = {} if problem.model.equations.constraints else event.reset
-    return Event(event.expression, event.direction, 1, reset)
 
 
 def _acting(problem: Problem, part: Trajectory) -> list[int]:

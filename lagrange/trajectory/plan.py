@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -16,10 +16,10 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.machine.steps.driver import StepDriver
 from lagrange.program.step import LAWS, StepProgram
-from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_loop import WatchedEvents
+from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
-from lagrange.trajectory.integrator import Claims, Integrator, Problem, Tolerances
+from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
 from lagrange.trajectory.outputs import FollowedSteps
 from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -28,54 +28,8 @@ PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
 
-class WatchMemory(Protocol):
-    """Memory of a watcher, which the next run by its driver can use again."""
-
-    @property
-    def nbytes(self) -> int:
-        """The size in bytes."""
-
-
-class Watcher(Protocol):
-    """Protocol of an object that finds events along a run, and handles them."""
-
-    @property
-    def driver(self) -> Driver:
-        """The driver that advances the run. It returns when an event must be handled."""
-
-    @property
-    def memory(self) -> WatchMemory:
-        """Memory for another run by the same driver, with the same parameters and events."""
-
-    @property
-    def occurrences(self) -> Sequence[Sized]:
-        """The occurrences so far of each event."""
-
-    @property
-    def t_events(self) -> tuple[FloatArray, ...]:
-        """The times of each event, (k,), up to the last accepted step."""
-
-    @property
-    def y_events(self) -> tuple[FloatArray, ...]:
-        """The states at each event, (k, 2n)."""
-
-    def begin(self, state: DriverState) -> EventResult:
-        """Start at the beginning of a run, and return the result."""
-
-    def process(self, state: DriverState) -> EventResult:
-        """Handle the event at which the driver returned, and return the result."""
-
-    def end(self, state: DriverState) -> EventResult:
-        """Handle the events at the end of the run, and return the result."""
-
-    def is_due(self, state: DriverState) -> bool:
-        """Return True if an event must be handled at the state although no step from there is possible."""
-
-    def continue_past(self, state: DriverState) -> EventResult | None:
-        """Continue past a point from which no step is possible. Return the result, or None if that is impossible.
-
-        The result says that the state has jumped over the point, or why the run ends.
-        """
+Watcher = StepWatch | SeriesWatch
+"""Object that finds events along a run and handles them. Its `memory` serves the next run by the same driver."""
 
 
 class Plan(Protocol):
@@ -133,12 +87,6 @@ class Stepped(Protocol):
 def locates_events(integrator: Integrator) -> bool:
     """Return True if a method locates events: a method with a plan does, another method may claim it."""
     return hasattr(integrator, "plan") or integrator.claims.events
-
-
-def promises(integrator: Integrator) -> Claims:
-    """Return the claims of a method. `events` is True for a method with a plan, because its driver locates them."""
-    claims = integrator.claims
-    return replace(claims, events=locates_events(integrator))
 
 
 @dataclass(frozen=True)
@@ -245,7 +193,7 @@ class IdleDriver(NamedTuple):
     state: DriverState
     first: FloatArray
     steps: int
-    memory: WatchMemory | None = None
+    memory: Any = None
 
 
 @dataclass(eq=False)

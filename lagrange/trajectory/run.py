@@ -239,30 +239,21 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
     trajectory = run_by(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
-    if trajectory.status.complete and constrained:
-        trajectory = _on_constraints(problem, trajectory)
+    if trajectory.status.complete and constrained and trajectory.y.size:
+        t, y = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
+        if off := violation(model, t, y, problem.parameter_array, abs(t - problem.t0)):
+            trajectory = replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")
     if len(problem.events) > 1:
         trajectory = with_touching_bodies(problem, trajectory)
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive)
-
-
-def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory, with the status UNRELIABLE if its last state violates the constraints."""
-    if not trajectory.y.size:
-        return trajectory
-    end = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
-    off = violation(problem.model, *end, problem.parameter_array, abs(end[0] - problem.t0))
-    if not off:
-        return trajectory
-    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")
 
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:
     """Raise StatementError for events if the method cannot locate them."""
     if problem.events and not locates_events(integrator):
         raise StatementError(
-            f"{integrator.name} does not locate events: use {DEFAULT_METHOD} or another method with a plan of its own, "
-            "such as dop853, or leave events empty and look for the crossing with solution.at(t)."
+            f"{integrator.name} does not locate events: use {DEFAULT_METHOD} or another method that does, such as "
+            "dop853, or leave events out and search the values of solution.at(t) for the crossing."
         )
 
 

@@ -300,7 +300,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     reach, drift = h * FORCE_STEPS[-1] ** before, h * DRIFT_GROWTH**before
     law, layout = slopes_of(model, parameters), model.layout
     slope = law(t, state.y)
-    times = [t + _within(part * reach, left) for part in FORCE_STEPS]
+    times = [t + min(part * reach, left, key=abs) for part in FORCE_STEPS]
     if not state.y.any():
         times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
     force_points = [(when, state.y) for when in times]
@@ -347,8 +347,3 @@ def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
     """
     kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
     return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
-
-
-def _within(step: float, left: float) -> float:
-    """Return a step, shortened to the remaining time if it is longer."""
-    return step if abs(step) < abs(left) else left

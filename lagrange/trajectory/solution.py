@@ -21,9 +21,14 @@ from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.expression import ByName, real_array
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
-from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
-from lagrange.trajectory.measures.energy_drift import EnergyDrift, energy_drift, since_start
+from lagrange.trajectory.measures.energy_drift import (
+    ConstraintDrift,
+    EnergyDrift,
+    constraint_drift,
+    energy_drift,
+    since_start,
+)
 from lagrange.trajectory.measures.sampling import states_at
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -173,13 +178,9 @@ class Solution:
     def drift(self) -> EnergyDrift:
         """The change of the energy since the start of the run, or since the first output if no start is known."""
         self._check_output()
-        t, y, from_start = self._since_start
+        t, y, from_start = since_start(self.trajectory)
         lost = np.zeros(len(t)) if self._contact_run is None else self._contact_run.lost_at(t)
         return energy_drift(self.model, t, y, from_start, self.parameters, self.trajectory, lost)
-
-    @cached_property
-    def _since_start(self) -> tuple[FloatArray, FloatArray, bool]:
-        return since_start(self.trajectory)
 
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
@@ -198,7 +199,7 @@ class Solution:
 
         if self.contacts:
             return {}
-        t, y, _ = self._since_start
+        t, y, _ = since_start(self.trajectory)
         drifts = momentum_drifts(self.model, t, y, self.parameters_at(t))
         return {name: drift[-len(self.t) :] for name, drift in drifts.items()}
 

@@ -40,14 +40,6 @@ class ParameterHistory:
                 "(s,), (s, k) and (s,)."
             )
 
-    def segments(self, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
-        """Return the number of the segment at each of some times (K,).
-
-        The time of an event belongs to the later segment. Where the outputs of a run have this time twice, the first
-        is the state before the event and belongs to the earlier segment.
-        """
-        return segment_numbers(self.begins, times, forward=forward)
-
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
         """Return the begin of each segment but the first, with the new values of parameters, by their `names` (k,)."""
         new = zip(self.begins[1:].tolist(), self.values[1:], self.values[1:] != self.values[:-1], strict=True)
@@ -180,7 +172,7 @@ class Trajectory:
         )
 
     def _segments(self, history: ParameterHistory, times: FloatArray) -> NDArray[np.intp]:
-        return history.segments(times, forward=self.span[1] >= self.span[0])
+        return segment_numbers(history.begins, times, forward=self.span[1] >= self.span[0])
 
     def _hold(self, name: str, value: Any) -> None:
         """Replace a field by its checked value."""

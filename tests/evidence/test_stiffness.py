@@ -22,8 +22,8 @@ from lagrange.trajectory.measures.stiffness import (
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
+from lagrange.trajectory.tableaux.classical import dopri5
 from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.dopri5 import dopri5
 from tests.models import shared_scene, stated_in
 
 BOGACKI_SHAMPINE = ButcherTableau(

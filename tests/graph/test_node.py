@@ -26,7 +26,7 @@ from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable
 from lagrange.graph.share import share_sums
 from lagrange.graph.term_size import term_sizes
-from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.lower import lower
 from tests.graph.trees import BINDINGS, Forms, evaluate, expressions, new_graph
 

@@ -21,8 +21,7 @@ from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine import llvm_machine
 from lagrange.machine.llvm import engine, tiers
-from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.object_code import ObjectCode
+from lagrange.machine.llvm.engine import Module, ObjectCode
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.series.driver import SeriesDriver

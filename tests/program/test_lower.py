@@ -20,8 +20,7 @@ from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Node
-from lagrange.machine.kernel.arithmetic import OPERATIONS
-from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.interpreted import OPERATIONS, InterpretedKernel
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import LIBRARY, spell
 from lagrange.machine.numpy_machine import NumpyMachine

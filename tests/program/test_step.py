@@ -20,7 +20,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.model import Model
 from lagrange.program.lower import lower
 from lagrange.program.step import Control, StepProgram, TracedVector, trace
@@ -30,9 +30,8 @@ from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import backward_euler, bdf2
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 from lagrange.trajectory.methods.variational import variational_midpoint
-from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4
+from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4, dopri5
 from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.dopri5 import dopri5
 from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state, mechanism
 from tests.models import k, laws, m, stated, x, y
 

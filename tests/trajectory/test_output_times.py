@@ -25,7 +25,7 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.sampled import StepInterpolant, StepInterpolants
 from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.tableaux.dopri5 import dopri5
+from lagrange.trajectory.tableaux.classical import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y
 from tests.show.examples import oscillator

@@ -24,11 +24,9 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
-from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4
+from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4, dopri5, tsit5
 from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.tableaux.rooted_trees import density, formula, size, trees
-from lagrange.trajectory.tableaux.tsit5 import tsit5
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B, verner9
 from tests.covering import Share
 from tests.models import TARGETS, build, laws, model, phi, statement_of, theta

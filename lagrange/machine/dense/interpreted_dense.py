@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from numpy.polynomial.polynomial import polyval
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.dense.series import series_polynomial
-from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
-from lagrange.machine.python_source import loaded
+from lagrange.machine.python_source import arrays_loaded, loaded
 from lagrange.procedure.form import Procedure
 
 STEPS_PER_BLOCK, TIMES_PER_BLOCK = 1024, 16384
@@ -36,34 +34,21 @@ def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
     return arrays_loaded(procedure) if by_arrays else loaded(procedure)
 
 
-class NumpyDense(ABC):
-    """Common part of every dense output (`DensePath`) of this machine: polynomials of steps, and their evaluation."""
+@dataclass(frozen=True, eq=False)
+class NumpyDense:
+    """The dense output of this machine (implements `DensePath`) for states with `dimension` entries.
 
-    @property
-    @abstractmethod
-    def dimension(self) -> int:
-        """The length 2n of a state."""
+    `degree` is that of the polynomials. `both` is True if they also depend on the neighbouring steps. `size` returns
+    the number of doubles of working memory for a block of steps. `write(columns, own, beside, work, out)` writes the
+    polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`: `own` are the steps of the block,
+    `beside` the neighbouring steps, and `work` is working memory.
+    """
 
-    @property
-    @abstractmethod
-    def degree(self) -> int:
-        """The degree of the polynomials."""
-
-    @property
-    @abstractmethod
-    def both(self) -> bool:
-        """True if the polynomials also depend on the neighbouring steps."""
-
-    @abstractmethod
-    def size(self, columns: int) -> int:
-        """Return the number of doubles of working memory for a block of `columns` steps."""
-
-    @abstractmethod
-    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`.
-
-        `own` are the steps of the block, `beside` the neighbouring steps, and `work` is working memory.
-        """
+    dimension: int
+    degree: int
+    both: bool
+    size: Callable[[int], int]
+    write: Callable[..., None]
 
     def polynomial(self) -> BlockPolynomial:
         """Return the callback that writes the polynomials of a block of steps."""
@@ -115,45 +100,29 @@ class NumpyDense(ABC):
         return out.reshape(-1, n, count)
 
 
-@dataclass(frozen=True, eq=False)
-class NumpyStepDense(NumpyDense):
-    """The dense output of a method's steps for one right-hand side and one set of parameters."""
+def step_dense(
+    kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+) -> NumpyDense:
+    """Return the dense output of a method's steps for one right-hand side and one set of parameters."""
+    n, write = kernel.program.states, partial(_write_steps, kind, kernel, parameters, jacobian)
+    return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 
-    kind: StepPolynomial
-    kernel: Kernel
-    parameters: FloatArray
-    jacobian: Kernel | None = None
 
-    @property
-    def dimension(self) -> int:
-        """The length 2n of a state."""
-        return self.kernel.program.states
-
-    @property
-    def degree(self) -> int:
-        """The degree of the polynomials of this kind of step."""
-        return self.kind.degree
-
-    @property
-    def both(self) -> bool:
-        """True if the polynomials use the slopes of neighbouring steps."""
-        return self.kind.derivative
-
-    def size(self, columns: int) -> int:
-        """Return the number of doubles of working memory for a block of `columns` steps."""
-        return self.kind.size(self.dimension, columns)
-
-    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of `columns` steps to `out`, by the printed procedure."""
-        kind, jacobian = self.kind, self.jacobian
-        law = _by_columns(self.kernel, self.parameters)
-        derivative = None if jacobian is None else _by_columns(jacobian, self.parameters)
-        numbers = kind.stages, kind.degree, self.dimension, columns
-        arrays = kind.table, own, beside, work, out
-        few = columns * self.dimension <= SHORT_BLOCK
-        table, *rest = [array.data for array in arrays] if few else arrays
-        write = _loaded(kind.procedure, by_arrays=not few)
-        write(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)
+def _write_steps(
+    kind: StepPolynomial,
+    kernel: Kernel,
+    parameters: FloatArray,
+    jacobian: Kernel | None,
+    columns: int,
+    *arrays: FloatArray,
+) -> None:
+    """Write the polynomials of a block of steps by the printed procedure. `arrays` are those of `NumpyDense.write`."""
+    law, n = _by_columns(kernel, parameters), kernel.program.states
+    derivative = None if jacobian is None else _by_columns(jacobian, parameters)
+    few = columns * n <= SHORT_BLOCK
+    table, *rest = [array.data if few else array for array in (kind.table, *arrays)]
+    write = _loaded(kind.procedure, by_arrays=not few)
+    write(law, NONE, derivative, NONE, _invert, table, kind.stages, kind.degree, n, columns, *rest)
 
 
 def write_series(

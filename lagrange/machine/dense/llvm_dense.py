@@ -8,9 +8,9 @@ on the kind of step. One function evaluates all kinds of polynomials: it calls `
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -57,22 +57,17 @@ def _module(procedure: Procedure, entry: str) -> Module:
     return Module("\n".join([declarations(), *functions, entry, METADATA, ATTRIBUTES]), merge=True)
 
 
-class LlvmDense(ABC):
-    """Common part of every dense output (`DensePath`) of this machine: polynomials of steps, and their evaluation."""
+@dataclass(frozen=True, eq=False)
+class LlvmDense:
+    """The dense output of this machine (implements `DensePath`) for states with `dimension` entries.
 
-    @property
-    @abstractmethod
-    def dimension(self) -> int:
-        """The length 2n of a state."""
+    `degree` is that of the polynomials. `polynomial` returns the callback that writes the polynomials of a block of
+    steps, and raises SingularMassMatrix.
+    """
 
-    @property
-    @abstractmethod
-    def degree(self) -> int:
-        """The degree of the polynomials."""
-
-    @abstractmethod
-    def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
+    dimension: int
+    degree: int
+    polynomial: Callable[[], BlockPolynomial]
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`."""
@@ -131,41 +126,29 @@ class LlvmDense(ABC):
         run(*[given[name] for name in run.places])
 
 
-@dataclass(frozen=True, eq=False)
-class LlvmStepDense(LlvmDense):
-    """The dense output of a method's steps for one right-hand side and one set of parameters."""
+def step_dense(
+    kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+) -> LlvmDense:
+    """Return the dense output of a method's steps for one right-hand side and one set of parameters."""
+    polynomial = partial(_of_steps, kind, kernel, parameters, jacobian)
+    return LlvmDense(kernel.program.states, kind.degree, polynomial)
 
-    kind: StepPolynomial
-    kernel: LlvmKernel
-    parameters: FloatArray
-    jacobian: LlvmKernel | None = None
 
-    @property
-    def dimension(self) -> int:
-        """The length 2n of a state."""
-        return self.kernel.program.states
-
-    @property
-    def degree(self) -> int:
-        """The degree of the polynomials of this kind of step."""
-        return self.kind.degree
-
-    def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of steps, with the addresses of the kernels."""
-        kind, n = self.kind, self.dimension
-        code = compiled_polynomial(kind.procedure)
-        kept: list[Any] = [code, kind.table]
-        places = []
-        for kernel in (self.kernel, self.jacobian):
-            prepared = None if kernel is None else kernel.prepare(self.parameters)
-            kept.append(prepared)
-            places += [0, 0] if kernel is None or prepared is None else [kernel.columns_address, address(prepared)]
-        places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
-        given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
-        address_of = code.address("polynomial")
-        return BlockPolynomial(
-            address_of, given, WIDEST_VECTOR, kind.size(n, WIDEST_VECTOR), kind.derivative, tuple(kept)
-        )
+def _of_steps(
+    kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None
+) -> BlockPolynomial:
+    """Return the callback that writes the polynomials of steps, with the addresses of the kernels."""
+    code, n = compiled_polynomial(kind.procedure), kernel.program.states
+    kept: list[Any] = [code, kind.table]
+    places = []
+    for called in (kernel, jacobian):
+        prepared = None if called is None else called.prepare(parameters)
+        kept.append(prepared)
+        places += [0, 0] if called is None or prepared is None else [called.columns_address, address(prepared)]
+    places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
+    given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
+    work = kind.size(n, WIDEST_VECTOR)
+    return BlockPolynomial(code.address("polynomial"), given, WIDEST_VECTOR, work, kind.derivative, tuple(kept))
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:

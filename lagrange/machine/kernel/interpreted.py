@@ -1,18 +1,71 @@
-"""A kernel that interprets a program with one array operation for each instruction: the readable reference."""
+"""Evaluation of a program instruction by instruction, in any number type: the readable reference of all kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
+from lagrange.graph.evaluate import DOUBLE_FUNCTIONS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.program.program import Program
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "neg": np.negative,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "fma": lambda a, b, c: a * b + c,
+    "sqrt": np.sqrt,
+    "power": np.power,
+    **DOUBLE_FUNCTIONS,
+    "select": np.where,
+}
+"""The function of each operation, on numbers or on arrays with one number per column."""
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """A number type: the function for each operation of a program, and the conversion from a double.
+
+    `systems` has the functions `factor` and `solve` for linear systems, if the number type supports them. They take the
+    size of the matrix and the operands.
+    """
+
+    operations: Mapping[str, Callable[..., Any]]
+    number: Callable[[float], Any]
+    dtype: Any
+    systems: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+
+    def evaluate(
+        self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
+    ) -> list[Any]:
+        """Return the outputs of a program, as a list, at time `t`, for the inputs `y` and the parameters."""
+        values: list[Any] = []
+        for op, args, place, value, order, _ in program.instructions:
+            if op == "state":
+                values.append(y[place])
+            elif op == "parameter":
+                values.append(parameters[place])
+            elif op == "time":
+                values.append(t)
+            elif op == "constant":
+                values.append(self.number(value))
+            elif op == "component":
+                values.append(values[args[0]][place])
+            elif op in self.systems:
+                values.append(self.systems[op](order, *[values[arg] for arg in args]))
+            else:
+                values.append(self.operations[op](*[values[arg] for arg in args]))
+        return [values[output] for output in program.outputs]
+
+
+FLOATS = Arithmetic(OPERATIONS, np.float64, float)
 
 
 @dataclass(frozen=True)
@@ -74,7 +127,10 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
             here, there = array[j].copy(), array[pick, ..., lanes]
             array[j] = np.moveaxis(there, 0, -1)
             array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
-        _check_pivot(a[j, j], finite, columns)
+        # A pivot that is zero within rounding errors; matrices that are not finite are skipped.
+        singular = finite & (np.abs(a[j, j]) <= PIVOT)
+        if singular.any():
+            raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
         factor = a[j + 1 :, j] / a[j, j]
         a[j + 1 :] -= factor[:, None] * a[j]
         b[j + 1 :] -= factor * b[j]
@@ -100,16 +156,6 @@ def _scale(a: FloatArray) -> FloatArray:
     definite = (np.einsum("iik->ik", a) > 0.0).all(axis=0)
     powers = np.exp2(np.round(np.log2(scale / np.sqrt(np.where(largest > 0.0, largest, 1.0)))))
     return np.where(definite, scale, powers)
-
-
-def _check_pivot(pivot: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
-    """Raise SingularMassMatrix for a pivot that is zero within rounding errors.
-
-    Matrices that are not `finite` are skipped. `columns` is the shape of the batch.
-    """
-    singular = finite & (np.abs(pivot) <= PIVOT)
-    if singular.any():
-        raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 
 
 WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})

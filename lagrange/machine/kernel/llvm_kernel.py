@@ -18,7 +18,7 @@ from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_module import KernelCode, in_registers, solves
 from lagrange.machine.llvm.address import address
-from lagrange.machine.llvm.engine import Module, linear_solver, solver_of_columns
+from lagrange.machine.llvm.engine import Module, calling_solver, linear_solver
 from lagrange.machine.llvm.processor import lanes
 from lagrange.program.program import Program
 
@@ -40,7 +40,7 @@ class LlvmKernel(Shared):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
         self._code = KernelCode(program)
         if solve_columns.form() in self._code.called:
-            solver_of_columns()
+            calling_solver(solve_columns.form())
         self._module = Module(self._code.scalar_module())
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))

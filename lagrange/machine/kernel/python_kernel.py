@@ -145,6 +145,7 @@ class PythonKernel:
     def __init__(self, program: Program) -> None:
         self._program = program
         self._quick: tuple[bytes, QuickCalls | None] | None = None
+        self._printed: dict[bool, tuple[_PrintedFunction, int]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonKernel, (self._program,)
@@ -165,14 +166,14 @@ class PythonKernel:
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the result of the program for a state (2n,) or many (2n, batch)."""
         if y.ndim > 1:
-            return self._by_blocks(self._exact_blocks, t, [y], parameters)
+            return self._by_blocks(self._blocks(half_angles=False), t, [y], parameters)
         function = self._one_state(parameters)
         try:
             found = None if function is None else function(float(t), y.tolist())
         except NO_VALUE:
             found = None
         if found is None:
-            return self._interpreted(t, y, parameters)
+            return InterpretedKernel(self._program)(t, y, parameters)
         out = np.array(found)
         shape = self._program.shape
         return out if out.shape == shape else out.reshape(shape)
@@ -225,8 +226,7 @@ class PythonKernel:
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Return the result of the program for many states. Sines may be rounded differently than for one state."""
-        blocks = self._fast_blocks if tangents_are_fast() else self._exact_blocks
-        return self._by_blocks(blocks, t, inputs, parameters)
+        return self._by_blocks(self._blocks(half_angles=tangents_are_fast()), t, inputs, parameters)
 
     def _by_blocks(
         self,
@@ -252,14 +252,10 @@ class PythonKernel:
 
     def _by_interpreter(self, t: FloatArray, rows: Sequence[FloatArray], parameters: FloatArray, low: int) -> Any:
         try:
-            found = self._interpreted.columns(t, [np.array(rows)], parameters)
+            found = InterpretedKernel(self._program).columns(t, [np.array(rows)], parameters)
         except SingularMassMatrix as error:
             raise SingularMassMatrix(None if error.column is None else low + error.column) from error
         return found.reshape(len(self._program.outputs), len(t))
-
-    @cached_property
-    def _interpreted(self) -> InterpretedKernel:
-        return InterpretedKernel(self._program)
 
     @cached_property
     def _lines(self) -> StraightLines:
@@ -270,18 +266,14 @@ class PythonKernel:
     def _one_state(self) -> _PrintedFunction:
         return _PrintedFunction(defined(self._lines.scalar(), self._program.name, FUNCTIONS))
 
-    @cached_property
-    def _exact_blocks(self) -> tuple[_PrintedFunction, int]:
-        """The function of blocks of states with the same operations as for one state, and its number of working rows.
+    def _blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
+        """Return the function of blocks of states, and its number of working rows.
 
-        So paths of runs have the same digits whether computed at one step or at many.
+        Without `half_angles` it has the same operations as the function of one state. So paths of runs have the same
+        digits whether computed at one step or at many.
         """
-        return self._printed_blocks(half_angles=False)
-
-    @cached_property
-    def _fast_blocks(self) -> tuple[_PrintedFunction, int]:
-        return self._printed_blocks(half_angles=True)
-
-    def _printed_blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
-        text, buffers = self._lines.columns(half_angles=half_angles)
-        return _PrintedFunction(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers
+        if half_angles not in self._printed:
+            text, buffers = self._lines.columns(half_angles=half_angles)
+            function = defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})
+            self._printed[half_angles] = _PrintedFunction(function), buffers
+        return self._printed[half_angles]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.machine.kernel.arithmetic import OPERATIONS, Arithmetic
+from lagrange.machine.kernel.interpreted import OPERATIONS, Arithmetic
 from lagrange.program.program import Program
 
 FloatArray = NDArray[np.float64]

@@ -16,7 +16,7 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import KINDS, argument_type, result_type, separated
+from lagrange.machine.llvm.operations import argument_type, result_type, separated
 from lagrange.machine.llvm.procedures import declaration, function, joined
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_callees
@@ -192,29 +192,24 @@ def _steps(procedure: Procedure) -> str:
 
 
 def _run(procedure: Procedure) -> str:
+    """Return the IR of the function `run`, which reads arguments from words and writes results after them.
+
+    A flag is stored as an integer.
+    """
     e = Emitter()
-    given = [_argument(e, place, parameter.type) for place, parameter in enumerate(procedure.parameters)]
-    kind = result_type(procedure.results)
-    call = f"call {kind} @{procedure.name}({', '.join(given)})"
+    given = []
+    for place, parameter in enumerate(procedure.parameters):
+        kind = argument_type(WHOLE if parameter.type is FLAG else parameter.type)
+        word = e.get("%words", place, kind)
+        given.append(f"i1 {e.value(f'icmp ne i64 {word}, 0')}" if parameter.type is FLAG else f"{kind} {word}")
+    call = f"call {result_type(procedure.results)} @{procedure.name}({', '.join(given)})"
     if procedure.results:
-        _keep(e, procedure, e.value(call))
+        results = separated(e, [argument_type(kind) for kind in procedure.results], e.value(call))
+        for i, (result_kind, result) in enumerate(zip(procedure.results, results, strict=True)):
+            is_flag = result_kind is FLAG
+            word = e.value(f"zext i1 {result} to i64") if is_flag else result
+            e.put(word, "%words", len(given) + i, argument_type(WHOLE if is_flag else result_kind))
     else:
         e.do(call)
     e.do("ret void")
     return e.function("define void @run(ptr %words) #0")
-
-
-def _argument(e: Emitter, place: int, kind: Any) -> str:
-    """Emit the read of an argument from its word in memory, and return it. A flag is stored as an integer."""
-    if kind is FLAG:
-        word = e.get("%words", place, KINDS[WHOLE])
-        return f"i1 {e.value(f'icmp ne i64 {word}, 0')}"
-    return f"{argument_type(kind)} {e.get('%words', place, argument_type(kind))}"
-
-
-def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
-    """Emit the stores of the results in the words after the arguments. `value` is the result of the call in IR."""
-    results = separated(e, [argument_type(kind) for kind in procedure.results], value)
-    for i, (kind, result) in enumerate(zip(procedure.results, results, strict=True)):
-        word = e.value(f"zext i1 {result} to i64") if kind is FLAG else result
-        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if kind is FLAG else argument_type(kind))

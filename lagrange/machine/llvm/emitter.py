@@ -176,9 +176,4 @@ class Emitter:
 def suffix(kind: str) -> str:
     """Return the suffix of LLVM's intrinsics for a type: f64 for double, v8i64 for <8 x i64>."""
     name = "i64" if "i64" in kind else "f64"
-    return f"v{_lanes(kind)}{name}" if kind.startswith("<") else name
-
-
-def _lanes(kind: str) -> str:
-    """Return the number of entries of a vector type, as text."""
-    return kind[1:].partition(" ")[0]
+    return f"v{kind[1:].partition(' ')[0]}{name}" if kind.startswith("<") else name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -11,15 +12,54 @@ from weakref import WeakValueDictionary
 
 import llvmlite.binding as llvm
 
-from lagrange.algorithm.linear.inverse import invert
-from lagrange.algorithm.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored
+from lagrange.algorithm.linear.ldl import factor_dense, invert_dense, solve_factored
 from lagrange.algorithm.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.machine.copies import Shared
-from lagrange.machine.llvm.object_code import ObjectCode
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.processor import start
 from lagrange.procedure.form import Procedure
 from lagrange.statement.run_settings import check_time
+
+CACHE_BYTES = 32_000_000
+"""Largest size of the cache in bytes. The least recently used code is dropped first. A right-hand side takes some 5 kB,
+a loop over steps of an implicit method 50 kB.
+"""
+
+
+class ObjectCode:
+    """Cache of object code. A system that is stated again, or changed and changed back, is not compiled again."""
+
+    def __init__(self, room: int = CACHE_BYTES) -> None:
+        self._room, self._taken = room, 0
+        self._codes: OrderedDict[bytes, bytes] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def forget(self) -> None:
+        """Empty the cache, for measurements of compile times."""
+        with self._lock:
+            self._codes.clear()
+            self._taken = 0
+
+    def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
+        """Return the object code of an IR text from the cache, or from `compiled()`.
+
+        `how` names the compile options.
+        """
+        key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
+        with self._lock:
+            if key in self._codes:
+                self._codes.move_to_end(key)
+                return self._codes[key]
+        code = compiled()  # No lock is held here: two threads that compile the same text get the same code.
+        with self._lock:
+            if key not in self._codes:
+                self._codes[key] = code
+                self._taken += len(code)
+            while self._taken > self._room:
+                _, oldest = self._codes.popitem(last=False)
+                self._taken -= len(oldest)
+        return code
+
 
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
@@ -158,31 +198,17 @@ def _linear_solver(often: bool) -> Module:
     return made
 
 
-def solver_of_columns() -> Module:
-    """Return the module that solves factored systems of many states in lanes, compiled once per process."""
+def calling_solver(procedure: Procedure) -> Module:
+    """Return the module of a procedure that calls the linear solver, compiled once per process."""
     linear_solver(often=False)
     with _LOADING:
-        return _solver_of_columns()
+        return _calling_solver(procedure)
 
 
 @cache
-def _solver_of_columns() -> Module:
-    made = Module(module([solve_columns.form()], elsewhere=dense_solver()))
-    llvm.add_symbol(solve_columns.form().name, made.address(solve_columns.form().name))
-    return made
-
-
-def inversion() -> Module:
-    """Return the module that inverts a symmetric matrix, compiled once per process."""
-    linear_solver(often=False)
-    with _LOADING:
-        return _inversion()
-
-
-@cache
-def _inversion() -> Module:
-    made = Module(module([invert.form()], elsewhere=dense_solver()))
-    llvm.add_symbol(invert.form().name, made.address(invert.form().name))
+def _calling_solver(procedure: Procedure) -> Module:
+    made = Module(module([procedure], elsewhere=dense_solver()))
+    llvm.add_symbol(procedure.name, made.address(procedure.name))
     return made
 
 

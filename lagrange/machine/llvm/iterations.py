@@ -190,11 +190,6 @@ def accesses(block: Block) -> Iterator[Load | Store]:
     return (statement for statement in walk(block) if isinstance(statement, (Load, Store)))
 
 
-def eaches(block: Block) -> Iterator[Each]:
-    """Yield every `each` in a block."""
-    return (statement for statement in walk(block) if isinstance(statement, Each))
-
-
 def number_of_angles(block: Block) -> int:
     """Return the number of sines and cosines in a block. A sine and a cosine of the same angle count once."""
     return sum(
@@ -205,7 +200,7 @@ def number_of_angles(block: Block) -> int:
 def widest(block: Block) -> int:
     """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
     vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
-    return max([1, *(each.width for each in eaches(block)), *vectors])
+    return max([1, *(each.width for each in walk(block) if isinstance(each, Each)), *vectors])
 
 
 def base_arrays(block: Block) -> dict[int, int]:

@@ -40,8 +40,8 @@ from lagrange.machine.llvm.operations import (
 from lagrange.machine.llvm.processor import routines_called
 from lagrange.machine.llvm.sine_cosine import (
     angle_function,
+    angle_name,
     call_sine_and_cosine,
-    called_for_angles,
     sine_and_cosine,
 )
 from lagrange.machine.llvm.vectors import PrinterState, printed, scatter, store
@@ -137,7 +137,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module: functions, and the declarations and attributes that they need."""
-    angles = [angle_function(width) for width in WIDTHS if any(called_for_angles(width) in one for one in functions)]
+    angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in one for one in functions)]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
     )

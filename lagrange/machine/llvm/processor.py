@@ -55,14 +55,10 @@ def vector_routines() -> dict[str, str]:
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 
-def routine(op: str, width: int) -> str | None:
-    """Return the C library's vector routine for an operation on `width` numbers, or None if it has none."""
-    return vector_routines().get(op) if width == lanes() else None
-
-
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
     """Emit a call of the C library's vector routine for an operation, or of its scalar function for each entry."""
-    kind, name = type_of(REAL, width), routine(op, width)
+    kind = type_of(REAL, width)
+    name = vector_routines().get(op) if width == lanes() else None
     if name is not None:
         return e.value(f"call {kind} @{name}({', '.join(f'{kind} {arg}' for arg in args)})")
     made = "poison"

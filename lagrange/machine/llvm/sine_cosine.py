@@ -15,8 +15,8 @@ Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.operations import type_of
-from lagrange.procedure.form import FLAG, REAL
+from lagrange.machine.llvm.operations import splat, type_of
+from lagrange.procedure.form import FLAG, REAL, WHOLE
 
 RANGE = 2.0**20
 TWO_OVER_PI = 0.6366197723675814
@@ -46,11 +46,11 @@ COSINE = (
 
 def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     """Emit the computation of sin(x) and cos(x), and return both operands."""
-    kind = element(lanes)
-    near = e.value(f"fcmp olt {kind} {e.fabs(x, kind)}, {number(RANGE, lanes)}")
+    kind = type_of(REAL, lanes)
+    near = e.value(f"fcmp olt {kind} {e.fabs(x, kind)}, {splat(e, literal(RANGE), REAL, lanes)}")
     every = near
     if lanes > 1:
-        bits = e.value(f"bitcast {flag_type(lanes)} {near} to i{lanes}")
+        bits = e.value(f"bitcast {type_of(FLAG, lanes)} {near} to i{lanes}")
         every = e.value(f"icmp eq i{lanes} {bits}, -1")
     name = e.fresh("angle")
     pair = _near(e, x, lanes)
@@ -59,7 +59,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     e.label(f"{name}.far")
     # A lane in the near range has the same bits whatever the other lanes contain.
     far = [
-        e.value(f"select {flag_type(lanes)} {near}, {kind} {here}, {kind} {there}")
+        e.value(f"select {type_of(FLAG, lanes)} {near}, {kind} {here}, {kind} {there}")
         for here, there in zip(pair, _by_library(e, x, lanes), strict=True)
     ]
     e.jump(f"{name}.join")
@@ -73,37 +73,33 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 def angle_function(lanes: int) -> str:
     """Return the IR of the function for sine and cosine that `call_sine_and_cosine` calls."""
-    e, kind = Emitter(), element(lanes)
+    e, kind = Emitter(), type_of(REAL, lanes)
     sine, cosine = sine_and_cosine(e, "%x", lanes)
     first = e.value(f"insertvalue {{ {kind}, {kind} }} poison, {kind} {sine}, 0")
     both = e.value(f"insertvalue {{ {kind}, {kind} }} {first}, {kind} {cosine}, 1")
     e.do(f"ret {{ {kind}, {kind} }} {both}")
-    return e.function(f"define internal {{ {kind}, {kind} }} @{_name(lanes)}({kind} %x) #0")
+    return e.function(f"define internal {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} %x) #0")
 
 
-def called_for_angles(lanes: int) -> str:
-    """Return the text by which a module that calls the function of `angle_function` is recognised."""
-    return f"@{_name(lanes)}("
-
-
-def _name(lanes: int) -> str:
+def angle_name(lanes: int) -> str:
+    """Return the name of the function of `angle_function`."""
     return "sine_and_cosine" if lanes == 1 else f"sine_and_cosine_{lanes}"
 
 
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     """Emit a call of the function of `angle_function`, and return the operands of sin(x) and cos(x)."""
-    kind = element(lanes)
-    both = e.value(f"call {{ {kind}, {kind} }} @{_name(lanes)}({kind} {x})")
+    kind = type_of(REAL, lanes)
+    both = e.value(f"call {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} {x})")
     first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
     return first, second
 
 
 def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    kind = element(lanes)
-    integers = "i64" if lanes == 1 else f"<{lanes} x i64>"
+    kind = type_of(REAL, lanes)
+    integers = type_of(WHOLE, lanes)
 
     def constant(value: float) -> str:
-        return number(value, lanes)
+        return splat(e, literal(value), REAL, lanes)
 
     def binary(operation: str, a: str, b: str) -> str:
         return e.value(f"{operation} {kind} {a}, {b}")
@@ -143,7 +139,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
     """
 
     def whole(value: int) -> str:
-        return str(value) if lanes == 1 else "<" + ", ".join([f"i64 {value}"] * lanes) + ">"
+        return splat(e, str(value), WHOLE, lanes)
 
     def signed(value: str, quadrant: str) -> str:
         sign = e.value(f"and {integers} {e.value(f'shl {integers} {quadrant}, {whole(62)}')}, {whole(-(2**63))}")
@@ -153,7 +149,8 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
     quadrant = e.value(f"bitcast {kind} {rounded} to {integers}")
     odd = e.value(f"icmp ne {integers} {e.value(f'and {integers} {quadrant}, {whole(1)}')}, {whole(0)}")
     swapped = [
-        e.value(f"select {flag_type(lanes)} {odd}, {kind} {a}, {kind} {b}") for a, b in ((cosine, sine), (sine, cosine))
+        e.value(f"select {type_of(FLAG, lanes)} {odd}, {kind} {a}, {kind} {b}")
+        for a, b in ((cosine, sine), (sine, cosine))
     ]
     following = e.value(f"add {integers} {quadrant}, {whole(1)}")
     return signed(swapped[0], quadrant), signed(swapped[1], following)
@@ -165,7 +162,7 @@ def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     if lanes == 1:
         e.do(f"call void @sincos(double {x}, ptr {pair[0]}, ptr {pair[1]})")
         return e.load(pair[0]), e.load(pair[1])
-    kind = element(lanes)
+    kind = type_of(REAL, lanes)
     sine = cosine = "poison"
     for lane in range(lanes):
         angle = e.value(f"extractelement {kind} {x}, i64 {lane}")
@@ -173,20 +170,3 @@ def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
         sine = e.value(f"insertelement {kind} {sine}, double {e.load(pair[0])}, i64 {lane}")
         cosine = e.value(f"insertelement {kind} {cosine}, double {e.load(pair[1])}, i64 {lane}")
     return sine, cosine
-
-
-def number(value: float, lanes: int) -> str:
-    """Return a constant as an operand: a number, or a vector with `lanes` equal entries."""
-    if lanes == 1:
-        return literal(value)
-    return "<" + ", ".join([f"double {literal(value)}"] * lanes) + ">"
-
-
-def element(lanes: int) -> str:
-    """Return LLVM's type of a double, or of a vector of `lanes` doubles."""
-    return type_of(REAL, lanes)
-
-
-def flag_type(lanes: int) -> str:
-    """Return LLVM's type of a condition, or of a vector of `lanes` conditions."""
-    return type_of(FLAG, lanes)

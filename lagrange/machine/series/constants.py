@@ -9,7 +9,7 @@ import numpy as np
 from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.series import SeriesProgram
 
 

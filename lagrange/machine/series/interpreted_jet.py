@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.kernel.arithmetic import FLOATS, Arithmetic
+from lagrange.machine.kernel.interpreted import FLOATS, Arithmetic
 from lagrange.machine.series.constants import inverse
 from lagrange.program.series import SeriesProgram
 
@@ -180,11 +180,6 @@ def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
     return a[first : last + 1].dot(b[k - last : k - first + 1][::-1])
 
 
-def _ranked(a: Numbers) -> Numbers:
-    """Return the coefficients a, with entry j multiplied by j."""
-    return np.arange(len(a)) * a
-
-
 def _linear(at: _Place) -> Any:
     return sum(scale * at.x[at.k, arg] for scale, arg in zip(at.constants, at.args, strict=True))
 
@@ -227,12 +222,12 @@ def _integral(at: _Place) -> Any:
 
 
 def _along(at: _Place) -> Any:
-    return at.constants[0] * _sum(_ranked(at.arg(0)), at.arg(1), 1, at.k) / at.k
+    return at.constants[0] * _sum(np.arange(at.k + 1) * at.arg(0), at.arg(1), 1, at.k) / at.k
 
 
 def _against(at: _Place) -> Any:
     w = at.arg(1)
-    return (at.arg(0)[-1] - _sum(_ranked(at.u), w, 1, at.k - 1) / at.k) / w[0]
+    return (at.arg(0)[-1] - _sum(np.arange(at.k + 1) * at.u, w, 1, at.k - 1) / at.k) / w[0]
 
 
 COEFFICIENT: dict[str, Callable[[_Place], Any]] = {

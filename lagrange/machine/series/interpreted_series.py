@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -90,9 +89,12 @@ class NumpySeries(Shared):
         """Return the series itself, which serves every order."""
         return self
 
-    def dense(self, order: int, parameters: FloatArray) -> NumpySeriesDense:
+    def dense(self, order: int, parameters: FloatArray) -> NumpyDense:
         """Return the dense output of Taylor steps of an order."""
-        return NumpySeriesDense(self, order, parameters)
+        n = self.program.states
+        size = partial(_work_size, 2 * n + (order + 1) * (n + len(self.program.watched)))
+        write = partial(_write_polynomials, self, order, parameters)
+        return NumpyDense(n, order, both=False, size=size, write=write)
 
     def rows(
         self,
@@ -122,38 +124,15 @@ class NumpySeries(Shared):
         return known[1]
 
 
-@dataclass(frozen=True, eq=False)
-class NumpySeriesDense(NumpyDense):
-    """The dense output of Taylor steps of one order, for one set of parameters and sides."""
+def _work_size(size: int, _columns: int) -> int:
+    """Return the size of the work memory: a state, its rounding errors, and one series serve any number of steps."""
+    return size
 
-    series: NumpySeries
-    order: int
-    parameters: FloatArray
-    both = False
 
-    @property
-    def dimension(self) -> int:
-        """The length 2n of a state."""
-        return self.series.program.states
-
-    @property
-    def degree(self) -> int:
-        """The degree of the polynomials, which is the order of the series."""
-        return self.order
-
-    @property
-    def width(self) -> int:
-        """The length of a row of coefficients of the series."""
-        return self.dimension + len(self.series.program.watched)
-
-    def size(self, columns: int) -> int:
-        """Return the length of the work memory: a state, its rounding errors, and the rows of one series."""
-        return 2 * self.dimension + (self.order + 1) * self.width
-
-    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of `columns` steps to `out`, from the series at the start of each step."""
-        jet = _between_arrays(self.series)
-        write_series(jet, self.parameters, self.dimension, self.width, self.order, columns, own, beside, work, out)
+def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, *arrays: Any) -> None:
+    """Write the polynomials of a block of Taylor steps. `arrays` are the arguments of `NumpyDense.write`."""
+    n = series.program.states
+    write_series(_between_arrays(series), parameters, n, n + len(series.program.watched), order, *arrays)
 
 
 def _between_arrays(series: NumpySeries) -> Callable[..., bool]:

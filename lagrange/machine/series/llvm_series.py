@@ -9,8 +9,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel, cached_kernel
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.called import CompiledProcedure
-from lagrange.machine.llvm.engine import Module, inversion, linear_solver
+from lagrange.machine.llvm.engine import Module, calling_solver, linear_solver
 from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.procedures import function as procedure_ir
 from lagrange.machine.llvm.procedures import joined as module_ir
@@ -88,37 +87,19 @@ class LlvmSeries(Shared):
         """The kernel of the event functions and switching surfaces."""
         return function(self.program.values)
 
-    def dense(self, order: int, parameters: FloatArray) -> LlvmSeriesDense:
+    def dense(self, order: int, parameters: FloatArray) -> LlvmDense:
         """Return the dense output of Taylor steps of an order."""
-        return LlvmSeriesDense(self, order, parameters)
+        return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k, times scale**k."""
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
-@dataclass(frozen=True, eq=False)
-class LlvmSeriesDense(LlvmDense):
-    """The dense output of Taylor steps of one order, for one set of parameters and sides."""
-
-    series: LlvmSeries
-    order: int
-    parameters: FloatArray
-
-    @property
-    def dimension(self) -> int:
-        """The length 2n of a state."""
-        return self.series.program.states
-
-    @property
-    def degree(self) -> int:
-        """The degree of the polynomials, which is the order of the series."""
-        return self.order
-
-    def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of steps, with the address of the series."""
-        compiled = self.series.code(self.order)
-        return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
+def _polynomial(series: LlvmSeries, order: int, parameters: FloatArray) -> BlockPolynomial:
+    """Return the callback that writes the polynomials of a block of Taylor steps, with the address of the series."""
+    compiled = series.code(order)
+    return of_series(compiled.address, compiled.numbers(parameters), compiled.layout, order)
 
 
 def function(program: Program) -> LlvmKernel:
@@ -252,7 +233,7 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
     """
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
-        inversion()
+        calling_solver(invert.form())
     elif called:
         linear_solver(often=False)
     functions = [procedure_ir(prepare, outside=(prepare,), quickly=True), procedure_ir(jet, outside=(jet,))]

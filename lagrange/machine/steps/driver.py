@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, Layout, kept
+from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine
+from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
 from lagrange.machine.step_events import StepFunction
 from lagrange.procedure.form import Record
+from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 
 
@@ -125,3 +128,12 @@ class StepDriver:
             work = self._work[layout.end :]
             solves += [(starting, work, *pair) for pair in zip(self._starters, starting.solves, strict=True)]
         return tuple(kept(where, newton.matrix_step, solve, work) for where, work, newton, solve in solves)
+
+
+def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
+    """Return every coefficient of a step at time t with step size h. `ratio` is h divided by the step before.
+
+    `scalars` is the program of all coefficients, built once for many steps.
+    """
+    values = FLOATS.evaluate(scalars, t, [h, ratio], [])
+    return dict(zip(step.numbers, map(float, values), strict=True))

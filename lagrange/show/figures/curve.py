@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.show.states_between_outputs import known_alone
-from lagrange.trajectory.paths.samples import divided
+from lagrange.trajectory.measures.sampling import divided
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 

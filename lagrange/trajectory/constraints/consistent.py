@@ -186,8 +186,8 @@ def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
     velocities are rounding errors, and so are all terms that contain velocities.
     """
     units, q = units_of(at.metric(y)), y[at.model.layout.q]
-    places = at.residuals.of_positions(at.t, y, at.parameters, units)
-    rates = at.residuals.of_velocities(at.t, y, at.parameters, units)
+    places = at.residuals.of_part(0, at.t, y, at.parameters, units)
+    rates = at.residuals.of_part(1, at.t, y, at.parameters, units)
     sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
     still = (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all()
     return bool(still) and places.largest <= ON_SURFACE

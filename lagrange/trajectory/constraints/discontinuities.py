@@ -8,16 +8,13 @@ velocities restricts nothing where all its derivatives by them are zero: where x
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.equations.singular import Singular, dependent_rows
 from lagrange.errors import formula
-from lagrange.graph.node import Binding
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
@@ -68,19 +65,13 @@ class Discontinuities:
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
         self.model, self.parameters, self.span = model, parameters, span
         self.residuals: ConstraintResiduals = residuals_of(model)
-        self.turning = _turning(model)
-
-    @classmethod
-    def of(cls, model: Model, parameters: FloatArray, span: float) -> Discontinuities | None:
-        """Return the search for runs of duration `span`, or None if the constraints have no discontinuities."""
-        return cls(model, parameters, span) if may_be_discontinuous(model) else None
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
         """Return the first discontinuity between times (k,) and states (k, 2n) of a run, or None."""
-        candidates = [one for one in (self._switched(times, states), self._vanishing(times, states)) if one is not None]
-        if not candidates:
+        candidates = self._switched(times, states), self._vanishing(times, states)
+        row, part, what = min(filter(None, candidates), key=lambda candidate: candidate[:2], default=(0, 0.0, ""))
+        if not what:
             return None
-        row, part, what = min(candidates, key=lambda one: one[:2])
         steps = int(np.count_nonzero(np.diff(times[row:])))
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
@@ -180,9 +171,9 @@ class Discontinuities:
 
         The result has the same three entries as that of `_switched`.
         """
-        if not len(self.turning):
+        if not len(self.residuals.turning):
             return None
-        g = self.residuals.gradients(times, states.T, self.parameters)[self.turning]
+        g = self.residuals.gradients(times, states.T, self.parameters)[self.residuals.turning]
         before, change = g[:, :, :-1], np.diff(g, axis=2)
         with np.errstate(all="ignore"):
             parts = np.clip(-(before * change).sum(axis=1) / (change**2).sum(axis=1), 0.0, 1.0)
@@ -190,10 +181,19 @@ class Discontinuities:
             ends = np.maximum(np.linalg.norm(before, axis=1), np.linalg.norm(g[:, :, 1:], axis=1))
             which, rows = np.nonzero((least <= VANISHING_GRADIENT * ends) & (np.diff(times) != 0))
         for row, index in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
-            constraint, part = int(self.turning[index]), float(parts[index, row])
+            constraint, part = int(self.residuals.turning[index]), float(parts[index, row])
             if self._holds_between(times[row : row + 2], states[row : row + 2], part, constraint):
-                names = self.model.equations.constraints.names
-                return row, part, _nothing_restricted(names, constraint)
+                dependent = Singular(0.0, rows=((constraint, 1.0),))
+                relation = dependent_rows(self.model.equations.constraints.names, dependent)
+                return (
+                    row,
+                    part,
+                    (
+                        f"{relation} on the step from there, and "
+                        "it does not say how the motion goes on. End the run before it by an event, or state the "
+                        "constraint in another way."
+                    ),
+                )
         return None
 
     def _holds_between(self, times: FloatArray, states: FloatArray, part: float, constraint: int) -> bool:
@@ -238,32 +238,11 @@ class _Surface:
         return values
 
 
-_TURNING: WeakKeyDictionary[Model, NDArray[np.intp]] = WeakKeyDictionary()
-
-
 def may_be_discontinuous(model: Model) -> bool:
     """Return True if constraints of a model have switching surfaces, or rows of G that may be zero."""
     if not len(model.equations.constraints):
         return False
-    return bool(residuals_of(model).switched.stated) or len(_turning(model)) > 0
-
-
-def _turning(model: Model) -> NDArray[np.intp]:
-    """Return the indices of the constraints whose row of G depends on velocities."""
-    indices = _TURNING.get(model)
-    if indices is None:
-        rows = model.equations.constraints.gradient
-        moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in rows]
-        indices = _TURNING[model] = np.flatnonzero(moving)
-    return indices
-
-
-def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
-    """Return the message for a constraint whose derivatives by the velocities are all zero."""
-    return (
-        f"{dependent_rows(names, Singular(0.0, rows=((constraint, 1.0),)))} on the step from there, and it does not "
-        "say how the motion goes on. End the run before it by an event, or state the constraint in another way."
-    )
+    return bool(residuals_of(model).switched.stated) or len(residuals_of(model).turning) > 0
 
 
 def _chord(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import sympy
@@ -93,9 +93,8 @@ class Projection:
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
         """Return a state with the entries `rows` computed from all others; None if the others do not determine them."""
-        alone = np.zeros(len(y), dtype=bool)
-        alone[list(rows)] = True
-        return _only(self, alone).reached(y)
+        fixed = [row for row in range(len(y)) if row not in rows]
+        return Projection(self.model, self.t, self.parameters, fixed).reached(y)
 
     def check(self, y: FloatArray) -> None:
         """Raise StatementError if a state is off the constraints by more than the rounding of typed numbers."""
@@ -190,8 +189,7 @@ class Projection:
         return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
 
     def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:
-        of: Callable[..., Residuals] = (self.residuals.of_positions, self.residuals.of_velocities)[part]
-        return of(self.t, y, self.parameters, units)
+        return self.residuals.of_part(part, self.t, y, self.parameters, units)
 
     def _stated(self, part: int) -> list[Constraint]:
         """Return the stated constraints on coordinates (part 0), or on velocities (part 1)."""
@@ -263,12 +261,6 @@ def _far(found: Residuals) -> list[int]:
     """Return the indices of residuals that exceed the rounding of typed numbers, or are not finite."""
     near = np.abs(found.values) <= np.maximum(TYPED_ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
-
-
-def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
-    """Return the projection that moves only the entries of the state in the mask `moving` (2n,)."""
-    fixed = np.flatnonzero(~moving).tolist()
-    return Projection(projection.model, projection.t, projection.parameters, fixed)
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:

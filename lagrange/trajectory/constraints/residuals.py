@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from lagrange.graph.differentiate import gradient
-from lagrange.graph.node import Node
+from lagrange.graph.node import Binding, Node
 from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
@@ -45,6 +45,9 @@ class ConstraintResiduals:
         self.holonomic = np.array([phi is not None for phi in constraints.positions])
         places = [phi for phi in constraints.positions if phi is not None]
         self.places = len(places)
+        moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in equations.constraints.gradient]
+        self.turning = np.flatnonzero(moving)
+        """Indices of the constraints whose row of G depends on velocities."""
         stated = (*places, *constraints.velocities)
         entries = [entry for row in constraints.gradient for entry in row]
         # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
@@ -80,7 +83,7 @@ class ConstraintResiduals:
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
         """Return the text of the constraint that a state violates most, and its violation relative to its terms."""
-        values, terms = self._of(t, y, parameters)
+        values, terms = self.of_many(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
         return self.labels[row], float(shares[row])
@@ -93,10 +96,6 @@ class ConstraintResiduals:
             *self.names,
         ]
 
-    def of_many(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return phi, then psi, and the sizes of their terms, (p + m, k) each, at times (k,) and states (2n, k)."""
-        return self._of(t, y, parameters)
-
     def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return G, (m, n, k), at times (k,) and states (2n, k)."""
         rows = np.zeros((self._entries, len(t)))
@@ -107,23 +106,16 @@ class ConstraintResiduals:
         """Return the switching surfaces of the constraints, (s, k), at times (k,) and states (2n, k)."""
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
-    def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of the constraints on positions, with gradients by the coordinates.
+    def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
+        """Return the residuals of constraints on positions (part 0), or of all constraints on velocities (part 1).
 
-        `units` (n,) are the scales of `units_of`.
+        Gradients are by the coordinates, or by the velocities. `units` (n,) are the scales of `units_of`.
         """
-        values, terms = self._of(t, y, parameters)
-        rows, part = self.gradient(t, y, parameters)[self.holonomic], slice(0, self.places)
-        return _residuals(values[part], rows, terms[part], y[self._layout.q], units)
-
-    def of_velocities(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of all constraints on velocities, with gradients by the velocities.
-
-        `units` (n,) are the scales of `units_of`.
-        """
-        values, terms = self._of(t, y, parameters)
-        rows, part = self.gradient(t, y, parameters), slice(self.places, None)
-        return _residuals(values[part], rows, terms[part], y[self._layout.v], units)
+        values, terms = self.of_many(t, y, parameters)
+        gradient, layout = self.gradient(t, y, parameters), self._layout
+        rows, entries = (gradient, y[layout.v]) if part else (gradient[self.holonomic], y[layout.q])
+        chosen = slice(self.places, None) if part else slice(0, self.places)
+        return _residuals(values[chosen], rows, terms[chosen], entries, units)
 
     def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return G, (m, n), at a state (2n,)."""
@@ -147,7 +139,11 @@ class ConstraintResiduals:
                 return int(np.argmax(jumps))
         return None
 
-    def _of(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def of_many(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return phi, then psi, and the sizes of their terms, (p + m, k) each, at times (k,) and states (2n, k).
+
+        For one time and state (2n,) they are (p + m,).
+        """
         with np.errstate(all="ignore"):
             results = self._residuals(t, y, parameters)
         half = len(results) // 2

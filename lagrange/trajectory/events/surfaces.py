@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.events.constants import JUMP
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.series_on_step import leaving

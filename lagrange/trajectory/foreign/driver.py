@@ -19,11 +19,10 @@ from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
-from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
+from lagrange.trajectory.foreign.guarded_rhs import Fault, GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
-from lagrange.trajectory.paths.piecewise import PiecewisePath
+from lagrange.trajectory.paths.known import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.sizes import first_floors, noise_floors, slopes_of, some_rounded

@@ -5,15 +5,27 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.calls import nothing, one_state
-from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.sizes import Slopes
 from lagrange.trajectory.trajectory import FloatArray, Status
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """The reason why a run ends, the state (2n,) for the message, and the state's derivative if it is not finite."""
+
+    status: Status
+    t: float
+    y: FloatArray
+    slope: FloatArray | None = None
+    detail: str = ""
+
 
 EVALUATIONS_PER_STEP = 5_000
 """A step with more evaluations of the right-hand side counts as an endless loop. The largest measured number is 136:

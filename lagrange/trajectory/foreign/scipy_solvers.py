@@ -10,15 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import methodcaller
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.integrate
 from scipy.integrate import OdeSolver
 
 from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
-from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs
+from lagrange.trajectory.foreign.guarded_rhs import Fault, GuardedRhs
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.sizes import slopes_of
@@ -160,82 +159,49 @@ def _captured(wanted: bool) -> Iterator[list[warnings.WarningMessage]]:
         yield caught
 
 
-@final
-@dataclass(frozen=True)
 class RK45(ScipyMethod):
     """Dormand-Prince 5(4), SciPy's implementation."""
 
-    name: ClassVar[str] = "scipy-rk45"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK45
-    degree: ClassVar[int] = 4
-    stages: ClassVar[int] = scipy.integrate.RK45.n_stages
-    repeats: ClassVar[bool] = True
-    first_power: ClassVar[int] = 5
+    name, claims = "scipy-rk45", Claims(order=5, adaptive=True, events=True)
+    solver, stages, degree = scipy.integrate.RK45, scipy.integrate.RK45.n_stages, 4
+    repeats, first_power = True, 5
 
 
-@final
-@dataclass(frozen=True)
 class RK23(ScipyMethod):
     """Bogacki-Shampine 3(2), SciPy's implementation."""
 
-    name: ClassVar[str] = "scipy-rk23"
-    claims: ClassVar[Claims] = Claims(order=3, adaptive=True, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK23
-    degree: ClassVar[int] = 3
-    stages: ClassVar[int] = scipy.integrate.RK23.n_stages
-    repeats: ClassVar[bool] = True
-    first_power: ClassVar[int] = 3
+    name, claims = "scipy-rk23", Claims(order=3, adaptive=True, events=True)
+    solver, stages, degree = scipy.integrate.RK23, scipy.integrate.RK23.n_stages, 3
+    repeats, first_power = True, 3
 
 
-@final
-@dataclass(frozen=True)
 class DOP853(ScipyMethod):
     """Hairer's DOP853, SciPy's implementation."""
 
-    name: ClassVar[str] = "scipy-dop853"
-    claims: ClassVar[Claims] = Claims(order=8, adaptive=True, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.DOP853
-    degree: ClassVar[int] = 7
-    stages: ClassVar[int] = scipy.integrate.DOP853.n_stages
-    repeats: ClassVar[bool] = True
-    first_power: ClassVar[int] = 8
+    name, claims = "scipy-dop853", Claims(order=8, adaptive=True, events=True)
+    solver, stages, degree = scipy.integrate.DOP853, scipy.integrate.DOP853.n_stages, 7
+    repeats, first_power = True, 8
 
 
-@final
-@dataclass(frozen=True)
 class Radau(ScipyMethod):
     """Radau IIA of order 5, implicit: for stiff systems."""
 
-    name: ClassVar[str] = "scipy-radau"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, a_stable=True, explicit=False, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.Radau
-    degree: ClassVar[int] = 3
-    first_power: ClassVar[int] = 4
+    name, claims = "scipy-radau", Claims(order=5, adaptive=True, a_stable=True, explicit=False, events=True)
+    solver, degree, first_power = scipy.integrate.Radau, 3, 4
 
 
-@final
-@dataclass(frozen=True)
 class BDF(ScipyMethod):
     """Backward differentiation of variable order, at most 5 (the claim): for stiff systems."""
 
-    name: ClassVar[str] = "scipy-bdf"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, explicit=False, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.BDF
-    degree: ClassVar[int] = 5
-    first_power: ClassVar[int] = 2
+    name, claims = "scipy-bdf", Claims(order=5, adaptive=True, explicit=False, events=True)
+    solver, degree, first_power = scipy.integrate.BDF, 5, 2
 
 
-@final
-@dataclass(frozen=True)
 class LSODA(ScipyMethod):
     """Adams of variable order, at most 12 (the claim), or backward differentiation where the system is stiff."""
 
-    name: ClassVar[str] = "scipy-lsoda"
-    claims: ClassVar[Claims] = Claims(order=12, adaptive=True, explicit=False, events=True)
-    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.LSODA
-    degree: ClassVar[int] = 12
-    from_zero: ClassVar[bool] = True
+    name, claims = "scipy-lsoda", Claims(order=12, adaptive=True, explicit=False, events=True)
+    solver, degree, from_zero = scipy.integrate.LSODA, 12, True
 
     def output(self) -> Callable[[Any], Output]:
         """Return the function that copies the solver's history of derivatives.

@@ -15,8 +15,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, shown
 from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
-from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs
+from lagrange.trajectory.foreign.guarded_rhs import Fault, GuardedRhs
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

@@ -1,7 +1,8 @@
-"""Drift of the energy along a run: its values, its scale, and its sentence."""
+"""Drift of the energy, and violations of constraints, along a run."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from lagrange.errors import RunError
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
+from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _NEAR_ZERO = 1e-3
@@ -84,32 +86,99 @@ def energy_drift(
     `from_start` is True if the first state is the start of the run. `start` are the first parameters of the run. The
     energy that events add by setting parameters is subtracted. The energy `lost` (N,) at contacts is added.
     """
-    parameters = run.parameters_at(t, start)
+    parameters, (q, v) = run.parameters_at(t, start), model.layout.split(y)
     with np.errstate(all="ignore"):  # The run reports states that are not finite.
-        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t) + lost
-        return _drift(model, energy, t, y, parameters, from_start=from_start)
-
-
-def _drift(
-    model: Model,
-    energy: FloatArray,
-    t: FloatArray,
-    y: FloatArray,
-    parameters: Parameters,
-    *,
-    from_start: bool,
-) -> EnergyDrift:
-    q, v = model.layout.split(y)
-    momenta = np.asarray(model.momenta(q, v, t, parameters))
-    exchanged = 0.5 * float(np.max(np.abs(np.sum(v * momenta, axis=0))))
-    first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
-    small = abs(first) < _NEAR_ZERO * exchanged
-    scale, against = (
-        (exchanged, "the largest |v.p|/2")
-        if small
-        else (
-            abs(first),
-            "the initial energy" if from_start else "the energy at the first output",
-        )
-    )
+        energy = np.asarray(model.energy(q, v, t, parameters)) - run.added_energy(t) + lost
+        momenta = np.asarray(model.momenta(q, v, t, parameters))
+        exchanged = 0.5 * float(np.max(np.abs(np.sum(v * momenta, axis=0))))
+        first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
+    scale, against = abs(first), "the initial energy" if from_start else "the energy at the first output"
+    if abs(first) < _NEAR_ZERO * exchanged:
+        scale, against = exchanged, "the largest |v.p|/2"
     return EnergyDrift(model.equations.structure.energy_kept, first, float(energy[-1]), absolute, scale, against)
+
+
+CANCELS = 0.5
+"""Value of a constraint, relative to the sizes of its terms, below which its terms cancel."""
+
+DRIFT_SAMPLES = 9
+"""Number of states along the run from which the largest entries are taken."""
+
+
+@dataclass(frozen=True, repr=False)
+class ConstraintDrift:
+    """The violations (m, N) of constraints along a run, each relative to the largest size of the constraint's terms.
+
+    If no terms cancel, as in y = 0, the scale is the gradient times the sizes of the entries of the state. `positions`
+    are the violations of phi, and zero for constraints stated in velocities. `velocities` are the violations of
+    dphi/dt, or of the constraint that is stated in velocities.
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    holonomic: bool
+
+    def __repr__(self) -> str:
+        return f"<ConstraintDrift: {self.sentence()}>"
+
+    @property
+    def error(self) -> FloatArray:
+        """The largest violation at each time, (N,)."""
+        largest: FloatArray = np.max(np.concatenate([self.positions, self.velocities]), axis=0)
+        return largest
+
+    @property
+    def card(self) -> dict[str, float | None]:
+        """The largest violations of the run, by kind; None for a value that is not finite."""
+        return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
+
+    def sentence(self) -> str:
+        """Return a sentence with the largest violations."""
+        return (
+            ", ".join(f"{value:.1e} in {name}" for name, value in self._largest.items()) + ", relative to their terms"
+        )
+
+    @property
+    def _largest(self) -> dict[str, float]:
+        parts = {"positions": self.positions} if self.holonomic else {}
+        return {name: float(np.max(part)) for name, part in {**parts, "velocities": self.velocities}.items()}
+
+
+def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
+    """Return the drift of states y (2n, N) at the times t (N,), or None without constraints or without states."""
+    values, constraints = model.parameter_array(parameters), model.equations.stated
+    if not len(constraints) or not len(t):
+        return None
+    with np.errstate(all="ignore"):  # The run reports states that are not finite.
+        size = np.abs(model.called(model.kernel("constraints"), t, y, values))
+        terms = model.called(model.kernel("constraint_sizes"), t, y, values)
+        alone = (size >= CANCELS * terms).all(axis=1)
+        entries = _sizes_of_entries(model, t, y, values) if alone.any() else 0.0
+        scale = np.maximum(terms.max(axis=1), np.where(alone, entries, 0.0))[:, None]
+        relative = np.divide(size, scale, out=size.copy(), where=scale != 0)
+    m = len(constraints)
+    return ConstraintDrift(relative[:m], relative[m:], any(phi is not None for phi in constraints.positions))
+
+
+def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return the scales (2m,) of constraints without cancelling terms, such as y = 0, whose only term is y itself.
+
+    A scale is the gradient of the constraint times the sizes of the entries, the largest over sample states.
+    """
+    residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
+    m = len(model.equations.stated)
+    largest = np.zeros(2 * m)
+    places, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
+    for i in dict.fromkeys(np.linspace(0, len(t) - 1, DRIFT_SAMPLES).astype(int).tolist()):
+        point = (
+            float(t[i]),
+            np.ascontiguousarray(y[:, i]),
+            parameters[:, i].copy() if parameters.ndim == 2 else parameters,
+        )
+        if not np.isfinite(point[1]).all():
+            continue
+        units = units_of(mass(*point))
+        for part, rows in enumerate((places, velocities)):
+            sizes = residuals.of_part(part, *point, units).sizes[: len(rows)]
+            largest[rows] = np.maximum(largest[rows], np.where(np.isfinite(sizes), sizes, 0.0))
+    return largest

@@ -1,4 +1,4 @@
-"""Sampling of a run: times at a rate, and states at any times."""
+"""Sampling of a run: states at any times, times at a rate, and times between the steps."""
 
 from __future__ import annotations
 
@@ -57,3 +57,11 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
     forward = 1.0 if last >= first else -1.0
     times: FloatArray = first + forward * np.arange(math.floor(steps * (1 + _CLIPPED)) + 1) / rate
     return np.clip(times, min(first, last), max(first, last))
+
+
+def divided(t: FloatArray, parts: int) -> FloatArray:
+    """Return times (K,) that divide every interval of `t` into `parts` equal parts."""
+    if len(t) < 2 or parts < 2:
+        return t
+    inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]
+    return np.append(inner.ravel(), t[-1])

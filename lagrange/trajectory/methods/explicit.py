@@ -24,10 +24,9 @@ from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate, moved
+from lagrange.trajectory.tableaux.classical import dopri5, tsit5
 from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.dopri5 import dopri5
 from lagrange.trajectory.tableaux.rooted_trees import Coefficients
-from lagrange.trajectory.tableaux.tsit5 import tsit5
 from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

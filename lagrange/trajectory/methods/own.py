@@ -15,7 +15,7 @@ from numbers import Real
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.steps.numbers import numbers_of
+from lagrange.machine.steps.driver import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr

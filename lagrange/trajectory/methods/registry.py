@@ -19,7 +19,7 @@ from lagrange.trajectory.methods.built_in import entered
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.splitting import Splitting
-from lagrange.trajectory.plan import promises
+from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 GROUP = "lagrange.integrators"
@@ -207,10 +207,12 @@ def _built_in(name: str) -> Integrator:
 
 def table() -> MethodTable:
     """Return every method with its claims."""
-    integrators = [(name, find(name)) for name in names()]
-    return MethodTable(
-        MethodRow(name, promises(integrator), _about(name, integrator)) for name, integrator in integrators
-    )
+    rows = []
+    for name in names():
+        integrator = find(name)
+        claims = replace(integrator.claims, events=locates_events(integrator))
+        rows.append(MethodRow(name, claims, _about(name, integrator)))
+    return MethodTable(rows)
 
 
 def _about(name: str, integrator: Integrator) -> str:

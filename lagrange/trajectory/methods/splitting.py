@@ -2,7 +2,12 @@
 
 With a constant mass matrix and accelerations a(q, t), drift (q with v) and kick (v with a) are each solved exactly.
 Their composition is symplectic in (q, p = M v). If a force depends on time, time is advanced with the coordinates.
-Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, I.1, II.5, III.3 and VI.3.
+
+An order condition of a splitting belongs to each word, a sequence of the letters K (kick) and D (drift). A step is a
+product of exponentials of h times the Lie derivatives K and D. It is a power series in two letters that do not commute,
+and so is the exact flow exp(h (K + D)). They agree up to h^p if the coefficient of every word of n <= p letters is
+1/n!. Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, I.1, II.5, III.3, III.5
+and VI.3.
 """
 
 from __future__ import annotations
@@ -10,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import groupby, pairwise
+from itertools import groupby, pairwise, product
+from math import factorial
 from typing import Any
 
 from lagrange.errors import StatementError, shown
@@ -23,7 +29,6 @@ from lagrange.trajectory.methods.tolerances import check_options, check_problem,
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.tableaux.splitting_conditions import check_words
 from lagrange.trajectory.trajectory import Trajectory
 
 SplittingStages = tuple[tuple[float, float], ...]
@@ -273,3 +278,43 @@ def Composition8(step: float | None = None) -> Splitting:
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
     """Return symmetric coefficients with sum 1: `outer` on both sides, and a middle one."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])
+
+
+WORD_TOLERANCE = 1e-13
+"""Tolerance of a coefficient relative to the size of its terms."""
+
+HIGHEST_CHECKED = 10
+"""The highest order that is checked: there are 2046 words up to it."""
+
+
+@lru_cache(maxsize=64)
+def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
+    """Raise StatementError if a composition of `flows`, ("kick" or "drift", step fraction), is not of the `order`."""
+    if not 1 <= order <= HIGHEST_CHECKED:
+        raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
+    actual = word_coefficients(order, tuple((what[0], part) for what, part in flows))
+    sizes = word_coefficients(order, tuple((what[0], abs(part)) for what, part in flows))
+    for word, value in actual.items():
+        expected = 1 / factorial(len(word))
+        if not abs(value - expected) <= WORD_TOLERANCE * max(1.0, sizes[word]):
+            flow_names = " ".join({"k": "kick", "d": "drift"}[letter] for letter in word)
+            raise StatementError(
+                f"{name} is not of order {order}: the coefficient of '{flow_names}', a condition of order "
+                f"{len(word)}, is {value:.17g} instead of 1/{factorial(len(word))}."
+            )
+
+
+def word_coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
+    """Return the coefficients of all words of at most `order` letters in a product of exponentials.
+
+    `flows` has the factors exp(c * letter) as pairs (letter, c), with the letters "k" and "d".
+    """
+    words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
+    result = dict.fromkeys(words, 0.0) | {"": 1.0}
+    for letter, c in flows:
+        powers = [c**n / factorial(n) for n in range(order + 1)]
+        repeats = {word: len(word) - len(word.rstrip(letter)) for word in words}
+        result = {
+            word: sum(result[word[: len(word) - n]] * powers[n] for n in range(repeats[word] + 1)) for word in words
+        }
+    return {word: value for word, value in result.items() if word}

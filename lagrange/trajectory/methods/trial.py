@@ -7,7 +7,7 @@ error with a message.
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from numbers import Rational, Real
 from typing import Any, NoReturn
@@ -25,8 +25,6 @@ ARITHMETIC = {
     "true_divide": operator.truediv,
 }
 """Operations of a NumPy number with a vector, by their NumPy names."""
-
-BRANCH = "it compares a vector: a step cannot branch on the state"
 
 
 def refusal(name: str, what: str) -> StatementError:
@@ -47,6 +45,15 @@ def kind_of(thing: object) -> str:
 def number(value: Real) -> Coefficient:
     """Return a number, as a fraction if it is exact."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
+
+
+def _refusing(what: str) -> Callable[..., Any]:
+    """Return a method of `TrialVector` that raises an error; `what` is its text, with places for the arguments."""
+
+    def refuse(self: TrialVector, *arguments: object, **_: object) -> NoReturn:
+        raise self._refused(what.format(*arguments))
+
+    return refuse
 
 
 class TrialVector:
@@ -103,50 +110,20 @@ class TrialVector:
     def _refused(self, what: str) -> StatementError:
         return refusal(self._name, what)
 
-    def __eq__(self, other: object) -> bool:
-        raise self._refused(BRANCH)
-
-    def __lt__(self, other: object) -> bool:
-        raise self._refused(BRANCH)
-
-    def __le__(self, other: object) -> bool:
-        raise self._refused(BRANCH)
-
-    def __gt__(self, other: object) -> bool:
-        raise self._refused(BRANCH)
-
-    def __ge__(self, other: object) -> bool:
-        raise self._refused(BRANCH)
-
     def __hash__(self) -> int:
         return id(self)
 
-    def __bool__(self) -> bool:
-        raise self._refused("it asks whether a vector is true: a step cannot branch on the state")
-
-    def __getitem__(self, index: object) -> NoReturn:
-        raise self._refused(f"it takes entry {index!r} of a vector: a step treats all coordinates alike")
-
-    def __setitem__(self, index: object, value: object) -> None:
-        raise self._refused(f"it sets entry {index!r} of a vector: a step treats all coordinates alike")
-
-    def __iter__(self) -> NoReturn:
-        raise self._refused("it goes through the entries of a vector: a step treats all coordinates alike")
-
-    def __len__(self) -> int:
-        raise self._refused("it asks for the length of a vector: a step is the same for every system")
-
-    def __abs__(self) -> NoReturn:
-        raise self._refused("it takes the absolute value of a vector")
-
-    def __pow__(self, exponent: object) -> NoReturn:
-        raise self._refused("it raises a vector to a power")
-
-    def __rtruediv__(self, other: object) -> NoReturn:
-        raise self._refused("it divides by a vector")
-
-    def __float__(self) -> float:
-        raise self._refused("it takes a vector for a number")
+    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = _refusing("it compares a vector: a step cannot branch on the state")
+    __bool__ = _refusing("it asks whether a vector is true: a step cannot branch on the state")
+    __getitem__ = _refusing("it takes entry {0!r} of a vector: a step treats all coordinates alike")
+    __setitem__ = _refusing("it sets entry {0!r} of a vector: a step treats all coordinates alike")
+    __iter__ = _refusing("it goes through the entries of a vector: a step treats all coordinates alike")
+    __len__ = _refusing("it asks for the length of a vector: a step is the same for every system")
+    __abs__ = _refusing("it takes the absolute value of a vector")
+    __pow__ = _refusing("it raises a vector to a power")
+    __rtruediv__ = _refusing("it divides by a vector")
+    __float__ = _refusing("it takes a vector for a number")
+    __array__ = _refusing("it makes an array of a vector")
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> TrialVector:
         numbers = all(isinstance(x, (TrialVector, np.generic)) for x in inputs)
@@ -155,9 +132,6 @@ class TrialVector:
             result: TrialVector = ARITHMETIC[ufunc.__name__](*plain)
             return result
         raise self._refused(f"it takes numpy's {ufunc.__name__} of a vector")
-
-    def __array__(self, *arguments: object, **options: object) -> NoReturn:
-        raise self._refused("it makes an array of a vector")
 
     def __getattr__(self, attribute: str) -> NoReturn:
         if attribute.startswith("__"):
