@@ -102,6 +102,7 @@ def test_jacobian_entries_are_named_by_their_variables() -> None:
     assert row.entry == "d x_ddot / d x"
 
 
+@pytest.mark.slow
 def test_honest_rounding_is_no_fault() -> None:
     noise = np.random.default_rng(0)
 

@@ -107,6 +107,7 @@ def test_a_configuration_without_inertia_is_named_with_the_motion() -> None:
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_an_arm_that_is_pulled_straight_ends_with_the_configuration(method: str) -> None:
     arm = lg.System(
@@ -124,6 +125,7 @@ def test_an_arm_that_is_pulled_straight_ends_with_the_configuration(method: str)
     assert "of what they were at the start, and the accelerations grow beyond all bounds." in solution.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
 def test_a_four_bar_passes_its_change_point_where_the_motion_is_smooth(method: str) -> None:
     """A parallelogram: crank and rocker turn alike, and the coupler stays level, also where all bars are in line."""

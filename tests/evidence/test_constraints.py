@@ -40,10 +40,7 @@ def mixed() -> lg.System:
     return lg.System(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2 + m * x * y * x.dot * y.dot / 10,
         potential=m * g * z,
-        constraints={
-            "hoop": x**2 + y**2 + z**2 - l**2,
-            "turn": x * y.dot - y * x.dot - omega * cos(omega * lg.t) * z,
-        },
+        constraints={"hoop": x**2 + y**2 + z**2 - l**2, "turn": x * y.dot - y * x.dot - omega * cos(omega * lg.t) * z},
     )
 
 

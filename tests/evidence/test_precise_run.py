@@ -53,19 +53,13 @@ def damped(time: float) -> list[Any]:
     time, rate = NUMBER.mpf(time), NUMBER.mpf(1) / 4
     w = NUMBER.sqrt(4 - rate**2)
     decay = NUMBER.exp(-rate * time)
-    return [
-        decay * (NUMBER.cos(w * time) + rate / w * NUMBER.sin(w * time)),
-        -4 * decay * NUMBER.sin(w * time) / w,
-    ]
+    return [decay * (NUMBER.cos(w * time) + rate / w * NUMBER.sin(w * time)), -4 * decay * NUMBER.sin(w * time) / w]
 
 
 def driven(time: float) -> list[Any]:
     """x'' = -4 x + cos t from x = 1 at rest."""
     time = NUMBER.mpf(time)
-    return [
-        (2 * NUMBER.cos(2 * time) + NUMBER.cos(time)) / 3,
-        -(4 * NUMBER.sin(2 * time) + NUMBER.sin(time)) / 3,
-    ]
+    return [(2 * NUMBER.cos(2 * time) + NUMBER.cos(time)) / 3, -(4 * NUMBER.sin(2 * time) + NUMBER.sin(time)) / 3]
 
 
 @pytest.mark.parametrize("digits", [18, 25, 40])
@@ -93,6 +87,7 @@ def test_a_run_backwards_comes_home() -> None:
     assert off(back, statement.initial) < 1e-20
 
 
+@pytest.mark.slow
 def test_what_doubles_propose_does_not_decide(monkeypatch: pytest.MonkeyPatch) -> None:
     statement = double_pendulum()
     expected = run(statement, [0.5], digits=20)[0]
@@ -111,6 +106,7 @@ def test_a_jump_of_the_forces_is_not_passed() -> None:
         run(oscillator(potential=Abs(x)), [3.0], digits=20)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("unit", [1e-12, 1e12])
 def test_units_of_time_do_not_matter(unit: float) -> None:
     """An interval is too short, or a time too late, as a part of the whole run and not in seconds."""
@@ -122,6 +118,7 @@ def test_units_of_time_do_not_matter(unit: float) -> None:
         run(oscillator(potential=Abs(x) / unit**2), [3.0 * unit], digits=20)
 
 
+@pytest.mark.slow
 def test_a_bend_of_the_forces_is() -> None:
     """x'' = -x - x/2 for x > 0, and -x + x/2 below: half a period of each."""
     statement = oscillator(potential=x**2 / 2, forces={x: -Abs(x) / 2})

@@ -95,6 +95,7 @@ class Counted:
         return replace(lg.methods.RK4().integrate(problem), wall=self.wall)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("wall", "at_once"), [(1.0, 1), (1e-3, 1), (0.6e-3, 2), (1e-3 / 7, 7)])
 def test_a_short_run_is_repeated_until_it_can_be_timed(wall: float, at_once: int) -> None:
     """One run for what it costs, one to warm up, and then three times as many as take a millisecond."""

@@ -30,10 +30,7 @@ from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.lower import lower
 from tests.graph.trees import BINDINGS, Forms, evaluate, expressions, new_graph
 
-POINTS = (
-    {"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"},
-    {"m": "0.4", "x": "-1.9", "y": "0.57", "u": "-0.26"},
-)
+POINTS = ({"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"}, {"m": "0.4", "x": "-1.9", "y": "0.57", "u": "-0.26"})
 
 
 @pytest.fixture

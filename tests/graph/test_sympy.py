@@ -32,10 +32,7 @@ from lagrange.statement.vocabulary.words import SYMPY_CLASSES
 from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, evaluate, expressions, new_graph
 
 x, y, u, m = (SYMBOLS[name] for name in "xyum")
-POINTS = (
-    {"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"},
-    {"m": "0.4", "x": "-1.9", "y": "0.57", "u": "-0.26"},
-)
+POINTS = ({"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"}, {"m": "0.4", "x": "-1.9", "y": "0.57", "u": "-0.26"})
 
 
 def translated(expression: Any) -> tuple[Node, dict[str, Node]]:
@@ -458,15 +455,6 @@ def test_a_deep_nesting_built_directly(depth: int) -> None:
     assert found == pytest.approx([value, expected], rel=1e-9)
     text = KernelCode(program).scalar_module()
     assert text.count("@sin") > depth
-
-
-@pytest.mark.parametrize("depth", DEPTHS)
-def test_the_forward_derivative_of_a_deep_nesting(depth: int) -> None:
-    graph = Graph()
-    x = graph.symbol("x", Binding.CONFIGURATION)
-    node = nest(graph, x, depth)
-    forward = tangents([node], {x: graph.one})(node)
-    assert depth < len(reachable([forward])) < 5 * depth
 
 
 def test_the_adjoints_of_a_nesting_grow_linearly() -> None:

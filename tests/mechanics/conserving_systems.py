@@ -267,11 +267,7 @@ SYSTEMS: dict[str, Listed] = {
     ),
     "turning potential": Listed(
         lambda p: [T(p) + k * (p[0] * cos(omega * t) + p[1] * sin(omega * t)) ** 2 - omega * angular(p)[0]],
-        (
-            body(FLAT, ELLIPSE),
-            expanded(POLAR_T, k * r**2 * cos(phi - omega * t) ** 2, POLAR),
-            body(ROTATED, k * x**2),
-        ),
+        (body(FLAT, ELLIPSE), expanded(POLAR_T, k * r**2 * cos(phi - omega * t) ** 2, POLAR), body(ROTATED, k * x**2)),
         (0, 0, 1),
     ),
     "isotropic oscillator": Listed(

@@ -163,10 +163,7 @@ def test_refusals(system: Any, words: str) -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (
-            z,
-            "the second function contains z(t), which this system does not have: its coordinates and momenta are x, th",
-        ),
+        (z, "the second function contains z(t), which this system does not have: its coordinates and momenta are x, t"),
         ("x", "the second function is the text 'x': give a SymPy expression"),
         (lg.coordinate("p_x").dot, "the second function contains Derivative(p_x(t), t): give coordinates and momenta"),
     ],

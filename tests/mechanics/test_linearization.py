@@ -13,7 +13,6 @@ from sympy import Matrix, Piecewise, acos, cos, pi, sign, sin
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import linearization
-from lagrange.mechanics.expansion import stated_point
 from lagrange.mechanics.plain_form import Shortener, numeric
 from tests.refusals import refusal
 
@@ -23,6 +22,7 @@ x, y, z, theta, phi = lg.coordinates("x y z theta phi")
 WRONG: Any = 3
 
 
+@pytest.mark.slow
 def test_pieces_of_a_table_meet_without_a_corner() -> None:
     """Their values and slopes differ by rounding at a point of the table, where the forces are linear."""
     points = np.linspace(-3, 3, 25)
@@ -66,22 +66,6 @@ def test_a_linearization_is_the_compiled_jacobian_anywhere() -> None:
     jacobian = system.compile("numpy").jacobian(0.0, [0.0, 0.4, -0.2, 0.9])
     # Formulas in 30 digits beside doubles.
     np.testing.assert_allclose(numeric(lin.A, {}), jacobian, rtol=1e-12, atol=1e-13)
-
-
-def test_derivatives_are_those_of_expressions_at_the_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The whole residuals of 12 links have 10,000 terms each, and took 45 s."""
-    sizes = []
-    point = stated_point(cart().statement, {theta: pi})
-    largest = max(residual.count_ops() for residual in point.residuals)
-    original = sympy.Expr.diff
-
-    def counted(self: Any, *symbols: Any, **options: Any) -> Any:
-        sizes.append(self.count_ops())
-        return original(self, *symbols, **options)
-
-    monkeypatch.setattr(sympy.Expr, "diff", counted)
-    linearization.linearized_at(point)
-    assert max(sizes, default=0) < largest / 2
 
 
 def test_a_given_function_is_an_input_too() -> None:
@@ -207,19 +191,10 @@ def rod(**more: Any) -> lg.System:
     ("call", "words"),
     [
         (lambda: cart().linearize(WRONG), "at is 3: give a dict such as {x: 0}."),
-        (
-            lambda: cart().linearize({z: 0}),
-            "at names 'z', which is not a coordinate, velocity or input; they are x, x_",
-        ),
-        (
-            lambda: cart().linearize({x: theta}),
-            "the value of x(t) contains theta: give numbers, or expressions in para",
-        ),
+        (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
+        (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
-        (
-            lambda: cart().linearize({}, inputs=["v"]),
-            "inputs contains 'v', which is not a parameter of this system; its",
-        ),
+        (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system; i"),
         (
             lambda: lg.System(m * x.dot**2 / 2, forces={x: y}, constraints={"filter": y.dot - u + y}).linearize(
                 inputs=[u]
@@ -242,10 +217,7 @@ def rod(**more: Any) -> lg.System:
             lambda: lg.System(m * x.dot**2 / 2, k / x, initial={x: 1}, name="hill").modes(),
             "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
         ),
-        (
-            lambda: rod().linearize({y: -l, y.dot: 1}),
-            "the velocities are not on the constraint 'rod', which is -2*l there and not zero: give values of all v",
-        ),
+        (lambda: rod().linearize({y: -l, y.dot: 1}), "the velocities are not on the constraint 'rod', which is -2*l t"),
         (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
         (
             lambda: lg.System(

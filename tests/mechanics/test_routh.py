@@ -88,27 +88,15 @@ def plain(**more: Any) -> lg.System:
         (plain, (), "routhian() names no coordinate: give one that is ignorable."),
         (plain, ("z",), "'z' is not a coordinate of this system; they are x and y."),
         (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
-        (
-            lambda: plain(potential=k * x**2 / 2),
-            (x,),
-            "x is not ignorable: dL/dx = '-k*x(t)' is not zero, so its momentum is not a constant. Choose another",
-        ),
+        (lambda: plain(potential=k * x**2 / 2), (x,), "x is not ignorable: dL/dx = '-k*x(t)' is not zero, so its mome"),
         (
             lambda: plain(dissipation=c * x.dot**2 / 2),
             (x,),
             "x is not ignorable: the force '-c*Derivative(x(t), t)' changes its momentum, which has to be a constant. "
             "Choose another coordinate.",
         ),
-        (
-            lambda: plain(constraints={"tie": x - y}),
-            (x,),
-            "x is not ignorable: the constraint 'tie' acts on it. eliminate(...) solves it for a coordinate.",
-        ),
-        (
-            lambda: plain(forces={y: -x}),
-            (x,),
-            "x is not ignorable: the force on y depends on it. Choose another coordinate.",
-        ),
+        (lambda: plain(constraints={"tie": x - y}), (x,), "x is not ignorable: the constraint 'tie' acts on it. elimi"),
+        (lambda: plain(forces={y: -x}), (x,), "x is not ignorable: the force on y depends on it. Choose another coord"),
         (
             lambda: lg.System(lagrangian=(x.dot + y.dot) ** 2 / 2 + x.dot * theta.dot + theta.dot**2 - theta**2),
             (x, y),
@@ -133,6 +121,7 @@ def test_a_run_of_another_system_is_refused() -> None:
             plain().ignored(run)
 
 
+@pytest.mark.slow
 def test_a_velocity_that_varies_too_fast_is_not_rebuilt() -> None:
     system = lg.System((x.dot**2 + y.dot**2) / 2, sympy.Rational(1, 2) * 10**8 * x**2 - x * y.dot, initial={x: 1.0})
     run = system.routhian(y).run(1.0, rtol=1e-6, t_eval=[0.0, 1.0])

@@ -74,6 +74,7 @@ def test_pivot_on_a_circle() -> None:
     assert same(driven.accelerations()[phi], book)
 
 
+@pytest.mark.slow
 def test_elastic_pendulum() -> None:
     """Goldstein, chapter 6, exercise 4: it stretches and swings with w^2 = k/m and g/(l + m g/k)."""
     spring = lg.System(
@@ -103,6 +104,7 @@ def test_central_force_by_routh() -> None:
     assert same(orbit.energy, -m * k**2 / (2 * p**2))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("potential", "ratio"), [(-k / r, 1), (k * r**2 / 2, 4)])
 def test_nearly_circular_orbits_close(potential: Any, ratio: int) -> None:
     """Goldstein, section 3.6 (Bertrand): radial and orbital frequencies are as 1 and as 2 in the two closed cases."""
@@ -165,6 +167,7 @@ def test_sleeping_top() -> None:
     assert same(stiffness, (n**2 - 4 * I1 * m * g * l) / (4 * I1))
 
 
+@pytest.mark.slow
 def test_foucault() -> None:
     """Landau, section 39, problem 3: the plane of a pendulum turns with w = W sin(latitude)."""
     plane = lg.System(
@@ -176,6 +179,7 @@ def test_foucault() -> None:
     assert same(fast * slow, g / l)
 
 
+@pytest.mark.slow
 def test_larmor() -> None:
     """Landau, section 45 of The Classical Theory of Fields: a bound charge has sqrt(w0^2 + wL^2) -+ wL, wL = q B/2m."""
     atom = lg.System(
@@ -239,6 +243,7 @@ def test_atwood() -> None:
     assert same(both.eliminate(y).accelerations()[x], g * (m1 - m2) / (m1 + m2))
 
 
+@pytest.mark.slow
 def test_kapitza() -> None:
     """Landau, section 30, problem 1: a pivot that shakes upright holds the pendulum up if a^2 gamma^2 > 2 g l."""
     bob = (l * sin(theta), a * cos(gamma * lg.t) - l * cos(theta))
@@ -302,6 +307,7 @@ def test_critical_mass_ratio() -> None:
         assert system.modes({**TRIANGLE, x: Rational(1, 2) - ratio}).stable is stable
 
 
+@pytest.mark.slow
 def test_collinear_points() -> None:
     """Szebehely, section 4.6: with equal masses the inner point is the middle, the outer ones 1.19841 away."""
     found = three_bodies().substitute({mu: Rational(1, 2)}).equilibria()
@@ -329,6 +335,7 @@ def test_two_bodies() -> None:
     match(squares(apart), [0, k * total / (m1 * m2)])
 
 
+@pytest.mark.slow
 def test_centrifugal_governor() -> None:
     """Landau, section 5, problem 4: the arms stand at cos = (m1 + m2) g/(m1 a W^2)."""
     governor = lg.System(
