@@ -74,6 +74,7 @@ def printing_to(stream: Any, *arguments: str, before: str = "") -> tuple[int, st
     return done.returncode, done.stderr
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(os.name != "posix", reason="pipes break the POSIX way")
 @pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
 def test_a_reader_who_goes_away_is_told_by_the_exit_code_alone(arguments: tuple[str, ...]) -> None:
@@ -83,6 +84,7 @@ def test_a_reader_who_goes_away_is_told_by_the_exit_code_alone(arguments: tuple[
         assert printing_to(broken, *arguments) == (141, "")
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
 @pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
 def test_standard_output_on_a_full_disk(arguments: tuple[str, ...]) -> None:
@@ -91,6 +93,7 @@ def test_standard_output_on_a_full_disk(arguments: tuple[str, ...]) -> None:
     assert found == (1, "lagrange: the output cannot be written (No space left on device).\n")
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
 @pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
 def test_standard_output_that_is_closed(arguments: tuple[str, ...]) -> None:

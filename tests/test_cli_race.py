@@ -38,7 +38,7 @@ def test_the_table_is_printed_and_files_are_written(
 
 def test_options_reach_the_race(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     options = [
-        *("--t-end", "1", "--set", "g=4", "--initial", "y_dot=1", "--outputs", "4", "--relative", "--max-wall", "5"),
+        *("--t-end", "1", "--set", "g=4", "--initial", "y_dot=1", "--outputs", "4", "--relative", "--max-wall", "5")
     ]
     assert main(["race", scene, "--methods", "rk4", *QUICK, *options, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)

@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
-import pytest
-
 from tests.kept_code import KeptCode, shrink
 
 
@@ -48,10 +46,3 @@ def test_files_that_were_read_longest_ago_are_removed(tmp_path: Path) -> None:
         os.utime(tmp_path / name, (100 - age, 100 - age))
     shrink(tmp_path, 25)
     assert sorted(file.name for file in tmp_path.glob("*")) == ["c", "d"]
-
-
-def test_a_file_that_another_run_moves_meanwhile_is_passed_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Path, "glob", lambda folder, pattern: iter([folder / "gone"]))
-    shrink(tmp_path)

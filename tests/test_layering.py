@@ -319,10 +319,7 @@ def test_a_cycle_within_a_stage_is_seen() -> None:
 
 @pytest.mark.parametrize(
     "source",
-    [
-        "def f():\n    from lagrange.errors import E",
-        "import importlib\nimportlib.import_module('lagrange.errors')",
-    ],
+    ["def f():\n    from lagrange.errors import E", "import importlib\nimportlib.import_module('lagrange.errors')"],
 )
 def test_a_hidden_import_is_seen(source: str) -> None:
     assert hidden_imports(with_module("lagrange.graph.node", source))

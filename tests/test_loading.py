@@ -151,8 +151,6 @@ TEXTS = [
     ('["theta"]', '["theta", "x"]', "cannot be used: the Lagrangian h"),
     ("theta_dot**2", "Integral(theta_dot)", "'Integral' is not a function here"),
     ("theta_dot**2", "theta_dot**9**9**9", "a power of a constant that is computed"),
-    ("theta_dot**2", "9" * 500, "a number of 500 characters is longer than 400"),
-    ("theta_dot**2", "omega", "'omega' is not declared"),
     ("kinetic =", "kinetc =", "'kinetc' is not a key of a scene"),
     ("kinetic =", "kinetic", "this is not TOML"),
 ]

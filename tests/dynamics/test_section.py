@@ -13,17 +13,7 @@ from lagrange.dynamics import crossings
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import margin
 from lagrange.errors import StatementError
-from tests.dynamics.planar import (
-    driven_linear,
-    duffing,
-    interrupting,
-    pendulum,
-    star,
-    theta,
-    w,
-    x,
-    y,
-)
+from tests.dynamics.planar import driven_linear, duffing, interrupting, pendulum, star, theta, w, x, y
 
 ENERGY = 1 / 8
 

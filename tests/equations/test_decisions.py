@@ -90,11 +90,7 @@ def test_forces_that_do_no_work_keep_the_energy() -> None:
     [
         ({**ROD, "forces": {x: -c * x.dot}}, False, "is not conserved: forces or dissipation act."),
         ({**ROD, "forces": {x: c * x, y: c * y}}, None, "was not found to be conserved: forces or dissipation act."),
-        (
-            {**ROD, "potential": t * (x**2 + y**2 - 1)},
-            None,
-            "not found to be conserved: the Lagrangian depends on time.",
-        ),
+        ({**ROD, "potential": t * (x**2 + y**2 - 1)}, None, "not found to be conserved: the Lagrangian depends on tim"),
         ({**FREE, "constraints": {"wall": x - sin(t)}}, None, "not found to be conserved: constraints that depend on"),
         ({**FREE, "potential": Piecewise((0, t < 1000), (x, True))}, None, "found to be conserved: the Lagrangian may"),
         ({**FREE, "potential": k * x * cos(t)}, False, "is not conserved: the Lagrangian depends on time."),

@@ -13,12 +13,7 @@ k, l, m = lg.parameters("k l m")
 
 
 @pytest.mark.parametrize(
-    ("place", "force"),
-    [
-        (x, k * x - k * l * sign(x)),
-        (l * cos(theta), None),
-        (x * cos(theta), None),
-    ],
+    ("place", "force"), [(x, k * x - k * l * sign(x)), (l * cos(theta), None), (x * cos(theta), None)]
 )
 def test_a_spring_along_a_line_has_no_sign_beside_a_magnitude(place: sympy.Expr, force: sympy.Expr | None) -> None:
     potential = lg.spring(k, (place, 0), None, l)

@@ -21,12 +21,7 @@ NORMAL = lg.multiplier("floor")
 
 
 def incline(**more: Any) -> lg.System:
-    stated = {
-        "forces": {x: -mu * NORMAL * sign(x.dot)},
-        "constraints": {"floor": y},
-        "initial": {x.dot: 1.5},
-        **more,
-    }
+    stated = {"forces": {x: -mu * NORMAL * sign(x.dot)}, "constraints": {"floor": y}, "initial": {x.dot: 1.5}, **more}
     return lg.System(
         m * (x.dot**2 + y.dot**2) / 2,
         m * g * (y * cos(slope) - x * sin(slope)),
@@ -97,11 +92,7 @@ def test_a_ladder_slides_with_friction_at_both_ends() -> None:
         m * g * y,
         coordinates=[x, y, theta],
         constraints={"floor": y - half * sin(theta), "wall": x - half * cos(theta)},
-        forces={
-            x: -mu * NORMAL,
-            y: mu * wall,
-            theta: mu * half * (NORMAL * sin(theta) + wall * cos(theta)),
-        },
+        forces={x: -mu * NORMAL, y: mu * wall, theta: mu * half * (NORMAL * sin(theta) + wall * cos(theta))},
         parameters={m: 5, g: 9.81, mu: 0.1, L: 3},
         initial={x: 1.5 * np.cos(1.2), y: 1.5 * np.sin(1.2), theta: 1.2},
         name="ladder",
@@ -172,23 +163,11 @@ def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
             "the force on x is not linear in lambda[floor] and lambda[wall]: give a coefficient in coordinates, "
             "velocities and parameters times a multiplier, such as -mu*lambda[floor]*sign(x.dot), and end",
         ),
-        (
-            {"forces": {x: NORMAL**2}},
-            "the force on x is not linear in lambda[floor]: give a coef",
-        ),
-        (
-            {"forces": {x: lg.multiplier("flor")}},
-            "a force contains lambda[flor], but the constraint is floor.",
-        ),
+        ({"forces": {x: NORMAL**2}}, "the force on x is not linear in lambda[floor]: give a coef"),
+        ({"forces": {x: lg.multiplier("flor")}}, "a force contains lambda[flor], but the constraint is floor."),
         ({"dissipation": NORMAL * x.dot**2}, "the dissipation contains lambda[floor], the multiplier of a constraint"),
-        (
-            {"forces": {y: -NORMAL}},
-            "the multipliers of incline are not determined: its constraints depend on",
-        ),
-        (
-            {"redundant": "allow"},
-            "the forces of incline contain multipliers, which redundant constraints",
-        ),
+        ({"forces": {y: -NORMAL}}, "the multipliers of incline are not determined: its constraints depend on"),
+        ({"redundant": "allow"}, "the forces of incline contain multipliers, which redundant constraints"),
         (
             {"dimensions": {m: "mass", g: "m/s**2", x: "m", y: "m", mu: "1"}, "forces": {x: -mu * NORMAL * x.dot}},
             "the force on x",

@@ -17,11 +17,7 @@ from tests.export.systems import held
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
-SCENES = (
-    "double-pendulum",
-    "cartesian-double-pendulum",
-    pytest.param("seven-body-mechanism", marks=pytest.mark.slow),
-)
+SCENES = ("double-pendulum", "cartesian-double-pendulum", pytest.param("seven-body-mechanism", marks=pytest.mark.slow))
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 

@@ -17,15 +17,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange.export.languages import (
-    c_printer,
-    fortran,
-    javascript_printer,
-    julia,
-    octave,
-    python,
-    rust,
-)
+from lagrange.export.languages import c_printer, fortran, javascript_printer, julia, octave, python, rust
 from lagrange.export.module import Check
 from lagrange.export.target import find
 from lagrange.program.program import Program

@@ -39,10 +39,7 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
 @pytest.mark.parametrize(
     ("ranges", "words"),
     [
-        (
-            {"thetta1": (0, 1)},
-            "there is no slider of 'thetta1', which is not a parameter, coordinate or velocity of ",
-        ),
+        ({"thetta1": (0, 1)}, "there is no slider of 'thetta1', which is not a parameter, coordinate or velocity of "),
         ({"thetta1": (0, 1)}, "Did you mean 'theta1'?"),
         ({"m3": (0, 1)}, "they are m1, m2, l1, l2, g, theta1, theta2, theta1_dot and theta2_dot."),
         ({"l1": (1, "x")}, "a bound of the slider of l1"),

@@ -16,13 +16,7 @@ import sympy
 
 import lagrange as lg
 from lagrange.evidence.report import Report
-from lagrange.show.dynamics import (
-    Bifurcation,
-    EquilibriumBranches,
-    PhasePortrait,
-    PoincareSection,
-    ShownModes,
-)
+from lagrange.show.dynamics import Bifurcation, EquilibriumBranches, PhasePortrait, PoincareSection, ShownModes
 from lagrange.statement.scene.library import LIBRARY
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.methods.registry import MethodTable

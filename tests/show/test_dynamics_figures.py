@@ -62,7 +62,7 @@ def test_a_record_has_a_card_a_picture_and_a_file(kind: str, tmp_path: Path) -> 
     assert repr(pickle.loads(pickle.dumps(record))) == repr(record)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", RECORDS)
 def test_a_picture_is_drawn_on_axes_of_the_users(kind: str) -> None:
     record = recorded(kind)

@@ -193,8 +193,7 @@ def test_our_letters_give_way_to_given_functions_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("terminal", "encoding", "style"),
-    [(True, "utf-8", "unicode"), (True, "latin-1", "text"), (False, "utf-8", "text")],
+    ("terminal", "encoding", "style"), [(True, "utf-8", "unicode"), (True, "latin-1", "text"), (False, "utf-8", "text")]
 )
 def test_a_terminal_that_has_unicode_gets_it(
     terminal: bool, encoding: str, style: str, monkeypatch: pytest.MonkeyPatch
@@ -271,6 +270,10 @@ def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
     assert "<details open><summary>Energy</summary>" in page and "http" not in page.replace(
         "http://www.w3.org/1998", ""
     )
+
+
+@pytest.mark.slow
+def test_html_folds_what_is_long() -> None:
     assert "<details><summary>" in render(shared_scene("spinning-top").derivation(), "html")
 
 

@@ -30,13 +30,7 @@ COMMANDS = GREEK | frozenset(
     ]
 )
 """Commands that LaTeX and its package amsmath have; the preamble aside, a page has no other."""
-QUICK = (
-    "bead-on-hoop",
-    "double-pendulum",
-    "kepler",
-    "ladder",
-    "thrown-ball",
-)
+QUICK = ("bead-on-hoop", "double-pendulum", "kepler", "ladder", "thrown-ball")
 SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in lg.scenes()]
 
 

@@ -55,6 +55,7 @@ def test_fourteen_coordinates_each_have_a_panel() -> None:
     assert overlaps == 0, "no panel writes over another"
 
 
+@pytest.mark.slow
 def test_a_hundred_coordinates_share_panels() -> None:
     figure = free(100).plot()
     assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"
@@ -155,8 +156,7 @@ def test_a_thread_is_not_drawn_to_scale_but_a_straight_line_is() -> None:
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
-    ("parts", "label", "ticks"),
-    [((lambda a, b: a, 0.0), "x", "yticks"), ((0.0, lambda a, b: b), "y", "xticks")],
+    ("parts", "label", "ticks"), [((lambda a, b: a, 0.0), "x", "yticks"), ((0.0, lambda a, b: b), "y", "xticks")]
 )
 def test_motion_on_a_line_has_a_row_or_a_column_and_no_square(parts: Any, label: str, ticks: str) -> None:
     figure = drawn(in_space(*parts))

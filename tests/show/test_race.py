@@ -132,11 +132,7 @@ def test_the_picture_has_a_line_for_each_method_that_got_there() -> None:
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["dop853\ntol = 1e-6 to 1e-9", "rk4\nh = 1e-2 to 1e-3"]
     points = [np.asarray(line.get_xydata()).tolist() for line in axis.get_lines()]
-    assert [line for line in points if line] == [
-        [[1e-4, 2e-7]],
-        [[3e-4, 1e-20]],
-        [[5e-5, 5e-7], [2.5, 4e-10]],
-    ]
+    assert [line for line in points if line] == [[[1e-4, 2e-7]], [[3e-4, 1e-20]], [[5e-5, 5e-7], [2.5, 4e-10]]]
     markers = {line.get_label(): line.get_marker() for line in axis.get_lines() if line.get_label() in labels}
     assert len(set(markers.values())) == 2
 

@@ -40,10 +40,7 @@ def test_rows_by_expression_and_by_name() -> None:
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        (
-            "x_dott",
-            "'x_dott' is neither a coordinate nor a velocity of this system; they are x and x_dot. Did you mean",
-        ),
+        ("x_dott", "'x_dott' is neither a coordinate nor a velocity of this system; they are x and x_dot. Did you mea"),
         (coordinate("theta"), "'theta' is neither a coordinate nor a velocity"),
         (coordinate("theta").dot, "'theta_dot' is neither a coordinate nor a velocity"),
         (m, "'m' is neither a coordinate nor a velocity"),

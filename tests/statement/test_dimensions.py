@@ -199,14 +199,8 @@ def test_units_must_fit_together() -> None:
         ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
         ({m: "mas"}, "the dimension of m is 'mas', which is neither a dimension nor a unit. Did you mean 'mass'?"),
         ({m: 3}, "the dimension of m is 3: give a dimension or a unit, such as 'length', 'm/s**2' or sympy.physics"),
-        (
-            {m: "mass + length"},
-            "the dimension of m is 'length + mass', which is not a product of powers of dimensions or",
-        ),
-        (
-            {m: "__import__('os')"},
-            "the dimension of m is \"__import__('os')\", which is not a product of dimensions",
-        ),
+        ({m: "mass + length"}, "the dimension of m is 'length + mass', which is not a product of powers of dimensions"),
+        ({m: "__import__('os')"}, "the dimension of m is \"__import__('os')\", which is not a product of dimensions"),
         ({"n": "mass"}, "dimensions names 'n', which this system does not have; its symbols are t, theta, "),
         ({m: "mass**w"}, "the dimension of m is 'mass**w', which is not a product of dimensions or units: "),
     ],

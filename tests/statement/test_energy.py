@@ -90,66 +90,24 @@ REFUSALS: list[tuple[Any, str]] = [
     ),
     (lambda: kinetic_energy(m, y * x.ddot), "the position contains x.ddot, an acceleration: give the place in x"),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
-    (
-        lambda: rotational_energy([i1, i2], [w1, w2, w3]),
-        "the inertia has 2 entries and the angular velocity 3",
-    ),
-    (
-        lambda: rotational_energy([[i1], [i2]], [w1, w2]),
-        "the inertia has shape (2, 1) and the angular velocity 2",
-    ),
-    (
-        lambda: rotational_energy(sympy.Matrix([[i1, 0], [0, i2]]), [w1] * 4),
-        "the inertia has shape (2, 2) and the angular velocity 4 components: give a (4, 4) tensor.",
-    ),
+    (lambda: rotational_energy([i1, i2], [w1, w2, w3]), "the inertia has 2 entries and the angular velocity 3"),
+    (lambda: rotational_energy([[i1], [i2]], [w1, w2]), "the inertia has shape (2, 1) and the angular velocity 2"),
+    (lambda: rotational_energy(sympy.Matrix([[i1, 0], [0, i2]]), [w1] * 4), "the inertia has shape (2, 2) and the ang"),
     (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give as many."),
     (lambda: gravity(m, [x, y], g, up=[0, 0]), "up is the zero vector: give a direction such as (0, 1)."),
     (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
     (lambda: rotational_energy(i1, [0, 0, 2 * y - x]), "component 2 of the angular velocity is -x + 2*y, an angle"),
-    (
-        lambda: rotational_energy(i1, (k - l) / l * x),
-        "the angular velocity is x*(k - l)/l, an angle: give its rate, such",
-    ),
-    (
-        lambda: rotational_energy(i1, x / l),
-        "is x/l, an angle: give its rate, such as x.dot. kinetic_energy takes a place",
-    ),
-    (
-        lambda: rotational_energy(i1, [y.dot, k * x]),
-        "component 1 of the angular velocity is k*x, an angle: give its rate",
-    ),
-    (
-        lambda: rotational_energy(i1, y.dot + x),
-        "the angular velocity has the term x, an angle: give its rate, such as x",
-    ),
-    (
-        lambda: rotational_energy(i1, y.dot + (k - l) / l * x),
-        "the angular velocity has the term -x, an angle: give its",
-    ),
-    (
-        lambda: rotational_energy(i1, y.dot - k / l * x),
-        "the angular velocity has the term -k*x/l, an angle: give its rate",
-    ),
-    (
-        lambda: rotational_energy(i1, k * sympy.atan(y / x)),
-        "the angular velocity is k*atan(y/x), an angle: give its rate",
-    ),
-    (
-        lambda: rotational_energy(i1, sympy.sin(x)),
-        "the angular velocity is sin(x), a number without a rate: give its rate, such as x.dot. kinetic_energy takes a",
-    ),
-    (
-        lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)),
-        "the angular velocity has the term k*sin(x)/l, a number without a rate",
-    ),
-    (
-        lambda: rotational_energy(i1, [0, 0, x.ddot]),
-        "component 2 of the angular velocity contains x.ddot, an acceleration: give its rate, such as x.dot.",
-    ),
-    (
-        lambda: rotational_energy(i1, k * lg.t),
-        "the angular velocity is k*t, an angle or its function: give its rate, such as w for the angle w*t.",
-    ),
+    (lambda: rotational_energy(i1, (k - l) / l * x), "the angular velocity is x*(k - l)/l, an angle: give its rate, s"),
+    (lambda: rotational_energy(i1, x / l), "is x/l, an angle: give its rate, such as x.dot. kinetic_energy takes a pl"),
+    (lambda: rotational_energy(i1, [y.dot, k * x]), "component 1 of the angular velocity is k*x, an angle: give its r"),
+    (lambda: rotational_energy(i1, y.dot + x), "the angular velocity has the term x, an angle: give its rate, such as"),
+    (lambda: rotational_energy(i1, y.dot + (k - l) / l * x), "the angular velocity has the term -x, an angle: give it"),
+    (lambda: rotational_energy(i1, y.dot - k / l * x), "the angular velocity has the term -k*x/l, an angle: give its"),
+    (lambda: rotational_energy(i1, k * sympy.atan(y / x)), "the angular velocity is k*atan(y/x), an angle: give its r"),
+    (lambda: rotational_energy(i1, sympy.sin(x)), "the angular velocity is sin(x), a number without a rate: give its"),
+    (lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)), "the angular velocity has the term k*sin(x)/l, a nu"),
+    (lambda: rotational_energy(i1, [0, 0, x.ddot]), "component 2 of the angular velocity contains x.ddot, an accelera"),
+    (lambda: rotational_energy(i1, k * lg.t), "the angular velocity is k*t, an angle or its function: give its rate,"),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
 ]
 

@@ -60,10 +60,7 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
     [
         ({"expression": "x - 1"}, "the event is 'x - 1', a text: give the symbol or the expression itself, such as"),
         ({"expression": lambda t, y: y[0]}, "A Python function hides its formula, and its roots could be missed"),
-        (
-            {"expression": x > 1},
-            "the event is 'x(t) > 1', a relation: give the difference of its sides, x(t) - 1, whose ",
-        ),
+        ({"expression": x > 1}, "the event is 'x(t) > 1', a relation: give the difference of its sides, x(t) - 1, who"),
         ({"expression": sp.Ne(x, y)}, "a relation: give the difference of its sides, x(t) - y(t)"),
         ({"expression": x.dot == 0}, "the event is False, which Python makes of a comparison such as theta.dot == 0: "),
         ({"expression": sp.true}, "the event is True, which Python makes of a comparison"),
@@ -76,14 +73,8 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
         ({"direction": float("nan")}, "direction is nan: give a finite number"),
         ({"reset": [x]}, "reset is [x(t)]: give a dict from coordinates, velocities and parameters to expressions"),
-        (
-            {"reset": {x: "-x_dot"}},
-            "the value of a reset is '-x_dot' (str): give an expression of the state before, such",
-        ),
-        (
-            {"reset": {x: x > 0}},
-            "the value of a reset is x(t) > 0 (StrictGreaterThan): give an expression of the state",
-        ),
+        ({"reset": {x: "-x_dot"}}, "the value of a reset is '-x_dot' (str): give an expression of the state before, s"),
+        ({"reset": {x: x > 0}}, "the value of a reset is x(t) > 0 (StrictGreaterThan): give an expression of the stat"),
         ({"reset": {x: True}}, "the value of a reset is True (bool): give a number"),
         ({"reset": {x: float("inf")}}, "the value of a reset is inf: give a finite number"),
     ],

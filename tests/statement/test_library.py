@@ -24,12 +24,7 @@ REQUIRED = {
     *("spherical-pendulum", "bead-on-hoop", "charge-in-field", "kepler", "sun-earth-moon", "chain-of-springs"),
     *("henon-heiles", "pleiades", "cartesian-pendulum", "cartesian-double-pendulum", "slider-crank", "four-bar"),
     *("four-bar-change-point", "four-bar-ladder", "bead-on-wire", "atwood-machine", "swinging-atwood-machine"),
-    *(
-        "rolling-disc",
-        "chaplygin-sleigh",
-        "knife-edge",
-        "differential-drive",
-    ),
+    *("rolling-disc", "chaplygin-sleigh", "knife-edge", "differential-drive"),
     *("hanging-chain", "ladder", "particle-on-sphere", "seven-body-mechanism", "two-point-vortices"),
 }
 APART = {name for name in NAMES if not stated_in(name).isdisjoint({"contacts", "rotations"})}

@@ -41,14 +41,8 @@ ENTRIES: list[tuple[Any, str]] = [
     (np.ma.array([1.0, 2.0]), "q is a masked array: give the values alone, such as its .compressed()."),
     ([1.0, np.ma.masked], "q has entries of type MaskedConstant: give real numbers."),
     ([[1.0, 2.0], [3.0]], "q is not an array: setting an array element with a sequence."),
-    (
-        np.broadcast_to(1.0, 10**9),
-        "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 ",
-    ),
-    (
-        range(10**9),
-        "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 GiB are enough.",
-    ),
+    (np.broadcast_to(1.0, 10**9), "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4"),
+    (range(10**9), "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 GiB are enough"),
 ]
 
 
@@ -57,10 +51,7 @@ def test_what_is_no_array_of_real_numbers(value: Any, message: str) -> None:
     assert message in refusal(real_array, value, "q")
 
 
-@pytest.mark.parametrize(
-    "value",
-    [deque([1, 2]), array("d", [1, 2]), memoryview(array("d", [1, 2]))],
-)
+@pytest.mark.parametrize("value", [deque([1, 2]), array("d", [1, 2]), memoryview(array("d", [1, 2]))])
 def test_sequences_of_other_kinds(value: Any) -> None:
     assert real_array(value, "q").tolist() == [1.0, 2.0]
 
