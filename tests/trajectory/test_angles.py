@@ -118,24 +118,6 @@ def _integral_of_atan(a: float) -> float:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_mass_matrix_jumps_with_the_angle(target: str) -> None:
-    """A force of 1 on a mass of 5/4 until the crossing at 1/2, and of 3/4 behind it."""
-    mass = 1 + sp.sign(ANGLE) / 4
-    model = particle(1, 0, target, kinetic=mass * (x.dot**2 + y.dot**2) / 2)
-    found = go(model, 1.0, initial={x: -2.0, y: 0.5, y.dot: -1.0})
-    assert found.y[2:, -1] == pytest.approx([0.5 / 1.25 + 0.5 / 0.75, -1.0], abs=1e-10)
-
-
-def test_an_event_that_jumps_on_the_surface_on_which_it_is_zero() -> None:
-    """It comes to zero on one side of y = 0 and is -1 on the other: one event, and the next when it is back."""
-    found = go(particle(0, -y), 7.0, [sp.Piecewise((y, y > 0), (y - 1, True))], initial={x: -1.0, y: 1.0})
-    assert found.t_events[0] == pytest.approx([math.pi / 2, 3 * math.pi / 2], abs=1e-8)
-    turning = particle(-x + ANGLE / 10, -y)
-    found = go(turning, 20.0, [ANGLE - sp.pi], initial={x: -1.0, y: 0.5, y.dot: -1.0})
-    assert len(found.t_events[0]) and (np.diff(found.t_events[0]) > 6).all()
-
-
-@pytest.mark.parametrize("target", TARGETS)
 def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> None:
     """cos(3 a) has no cut: no step ends on y = 0, and the motion is that of its polynomial in x and y."""
     r2 = x**2 + y**2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -67,11 +66,6 @@ def test_a_state_on_the_constraints_stays_as_it_is() -> None:
     assert repr(found).endswith("nothing moved>")
 
 
-def test_without_constraints_nothing_moves() -> None:
-    free = lg.System(kinetic=m * x.dot**2 / 2, parameters={m: 1.0})
-    assert free.consistent({x: 2.0}).initial == {x: 2.0, x.dot: 0.0}
-
-
 def test_a_velocity_constraint_moves_velocities_alone() -> None:
     knife = lg.System(
         kinetic=(x.dot**2 + y.dot**2 + theta.dot**2) / 2,
@@ -100,16 +94,6 @@ def test_a_singular_mass_matrix_that_is_definite_on_the_surface() -> None:
     # z has no inertia: its change costs nothing, and it alone moves.
     assert (found[x], found[y]) == pytest.approx((2.0, 3.0), abs=1e-9) and found[z] == pytest.approx(6.0, abs=1e-9)
     assert found[z.dot] == pytest.approx(3.0, abs=1e-9)
-
-
-def test_an_example_with_many_constraints_far_from_consistent() -> None:
-    xs, ys = lg.coordinates("x1 x2 x3 x4"), lg.coordinates("y1 y2 y3 y4")
-    points = [(0, 0), *zip(xs, ys, strict=True)]
-    rods = [(a - p) ** 2 + (b - q) ** 2 - 1 for (p, q), (a, b) in itertools.pairwise(points)]
-    chain = lg.System(kinetic=sum(v.dot**2 for v in (*xs, *ys)) / 2, constraints=rods, coordinates=[*xs, *ys])
-    given = {q: 0.7 * i for i, q in enumerate(xs, 1)} | {q: -0.9 * i + 0.1 * i**2 for i, q in enumerate(ys, 1)}
-    found = chain.consistent(given).initial
-    assert max(abs(float(rod.xreplace(dict(found)))) for rod in rods) < 1e-11
 
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
@@ -276,17 +260,6 @@ def test_the_advice_on_an_initial_state_may_be_pasted() -> None:
     assert call == f"system.consistent({x0}, parameters={{'l': 2.0}}, t=1.5)"
     found = eval(call, {"system": system})
     assert system.run(1.0, found.initial, parameters={"l": 2}, t_start=1.5, check=False).status is lg.Status.SUCCESS
-
-
-def test_the_advice_is_complete_for_many_entries() -> None:
-    chain = lg.coordinates("a b c d e f")
-    system = lg.System(
-        kinetic=sum(q.dot**2 for q in chain) / 2,
-        constraints=[sum(q**2 for q in chain) - 6],
-        initial=dict.fromkeys(chain, 1.0),
-    )
-    text = refusal(system.run, 1.0, {"a": 2.0, "b": 0.0}, check=False)
-    assert "system.consistent({'a': 2, 'b': 0}).initial." in text
 
 
 def test_where_no_nearest_state_is_found_none_is_advised() -> None:

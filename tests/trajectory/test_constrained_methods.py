@@ -45,7 +45,7 @@ FLOOR = 2e-11
 """Errors below this are left out: round-off, some 1e-13, would move a measured order where they double."""
 
 
-@pytest.mark.few(1)
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
@@ -64,6 +64,7 @@ def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
     assert order == pytest.approx(find(method).claims.order, abs=0.2), kept
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", SYSTEMS)
 @pytest.mark.parametrize("method", HOLONOMIC)
@@ -74,6 +75,7 @@ def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, tar
     assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["pendulum", "spherical", "double_pendulum", "guided"])
 @pytest.mark.parametrize("method", HOLONOMIC)
 def test_what_claims_to_be_symmetric_runs_back(method: str, name: str) -> None:
@@ -131,6 +133,7 @@ def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(metho
     assert error < 1e-9 if find(method).claims.symplectic else error > 1e-6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", SYMPLECTIC)
 def test_energy_stays_bounded_without_drift(method: str) -> None:
     """Some 600 swings of 50 steps."""
@@ -163,6 +166,7 @@ def test_constraints_that_become_dependent_are_told(method: str, target: str) ->
     assert "the constraints 'first' and 'second' are dependent at t = " in found.message
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_path_between_steps_leads_to_events(method: str, target: str) -> None:
@@ -276,6 +280,7 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
     assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 def test_floors_follow_the_scale_where_none_are_given(name: str) -> None:
     """Entries that begin at zero have their size from the survey; the run takes as many steps in other units."""

@@ -46,7 +46,7 @@ ON_A_SINE: list[Any] = [
 ]
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("expression", ON_A_SINE, ids=str)
 def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
     """Along x = sin t, against a bracketing of the closed form: poles nearby, high powers, kinks, a jump through zero.
@@ -65,11 +65,6 @@ def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
     found = go(harmonic(), 20.0, [expression])
     assert found.status is Status.SUCCESS
     assert found.t_events[0] == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_kink_that_touches_zero_is_one_touch() -> None:
-    found = go(free(), 3.0, [Abs(x - 1), event(Abs(x - 1), direction=-1), event(Abs(x - 1), direction=1)])
-    assert [list(times) for times in found.t_events] == [pytest.approx([1.0], rel=1e-15), [], []]
 
 
 @pytest.mark.parametrize("factor", [1e-320, 1e-30, 1.0, 1e30, 1e300])
@@ -113,13 +108,6 @@ def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
     """Polynomials have no step of their own; thrown up to 1, the ball passes 1 - 1e-9 twice in 29 microseconds."""
     found = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
     assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
-
-
-def test_an_event_that_stays_zero_is_no_obstacle() -> None:
-    """Along the motion it is nothing but round-off and, later, drift: no pole, no end, and no zero at every step."""
-    found = go(harmonic(), 30.0, [x**2 + x.dot**2 - 1, x - 0.5])
-    assert found.status is Status.SUCCESS and len(found.t_events[0]) < found.steps / 2
-    assert len(found.t_events[1]) == 10
 
 
 # Starts and ends

@@ -104,7 +104,7 @@ def assert_same(ours: Trajectory, theirs: Trajectory) -> None:
     assert ours.y[:, -1] == pytest.approx(theirs.y[:, -1], rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("seed", "target"), ON_MACHINES)
 def test_random_events(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) -> None:
     chance = np.random.default_rng(seed)
@@ -131,6 +131,7 @@ STEEP = (
 """Powers above the order: their series are zero where their base is, and say nothing of what they grow to."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("events", STEEP, ids=str)
 @pytest.mark.parametrize(
     ("target", "end"), [("llvm", 5.0), ("llvm", -5.0), pytest.param("numpy", 1.5, marks=pytest.mark.slow)]
@@ -152,7 +153,7 @@ def test_powers_above_the_order(events: list[Any], target: str, end: float, monk
     assert_same(ours, run(compiled, end, "taylor", events=events))
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(40))
 def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every step is inspected, and no longer than the radius that the series show."""
@@ -185,7 +186,7 @@ def random_switches(chance: np.random.Generator, target: str) -> Model:
     )
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("seed", "target"), ON_MACHINES)
 def test_random_switches(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) -> None:
     chance = np.random.default_rng(100 + seed)
@@ -266,6 +267,7 @@ def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.Monkey
     assert len(found.t_events[0]) == math.floor(end / math.pi + 0.5)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("where", [(Occurrences, "extend"), (EventMemory, "forget")])
 @pytest.mark.parametrize("late", [False, True])
 def test_an_interruption_while_events_are_taken_over_neither_loses_nor_repeats_any(
@@ -303,6 +305,7 @@ STARTS = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("case", STARTS)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("end", [7.0, -7.0])
@@ -362,3 +365,12 @@ def test_many_events_fit_a_small_stack() -> None:
     done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True, check=False)
     # x = cos(t) has each of the values from 0 to below 1 three times from t = 0 to 10.
     assert (done.returncode, done.stdout) == (0, "SUCCESS 300\nSUCCESS 300\n"), done.stderr
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_the_message_names_the_function_whose_series_ends(place: int) -> None:
+    free = build(kinetic=x.dot**2 / 2, coordinates=[x], initial={x.dot: 1.0})
+    others = [event(x - 5), event(x - 6)]
+    found = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
+    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, rel=1e-12)
+    assert "1/(x - 1), which is watched" in found.message

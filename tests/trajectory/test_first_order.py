@@ -29,6 +29,7 @@ def charge(**given: Any) -> lg.System:
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_charge_without_mass_goes_round_its_bowl(method: str, target: str) -> None:
@@ -122,19 +123,6 @@ def test_velocities_are_found_from_positions_or_must_agree() -> None:
     assert flow([1.0, 0.0, 0.0, 0.0], 0.0, 1.0)[:2] == pytest.approx([np.cos(1.5), np.sin(1.5)], abs=1e-8)
 
 
-def test_a_structure_says_that_there_is_no_inertia() -> None:
-    assert "x and y have no inertia: their equations of motion are of first order." in charge().structure
-    lone = lg.System(lagrangian=x * x.dot - x**2 / 2, forces={x: -3 * x.dot}, coordinates=[x])
-    assert "x has no inertia: its equation of motion is of first order." in lone.structure
-    assert lone.run(3.0, {x: 1.0}).y[0, -1] == pytest.approx(np.exp(-1.0), abs=1e-9)
-
-
-def test_formulas_of_accelerations_are_refused_where_the_equations_have_none() -> None:
-    text = refusal(charge().accelerations)
-    assert "no formula is written out for the accelerations of x: x has no inertia." in text and "equations()" in text
-    assert len(charge().equations()) == 2 and "x" in str(charge().derivation())
-
-
 def test_equations_that_leave_velocities_open_are_refused() -> None:
     odd = x * y.dot + y * z.dot + z * x.dot
     for potential in (x**2 + y**2 + z**2, x):
@@ -168,6 +156,7 @@ def relaxation(**given: Any) -> lg.System:
     return lg.System(kinetic=0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2, **given)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_filter_relaxes(method: str, target: str) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
-from lagrange.equations.singular import NAMED_VELOCITIES, motion_along
 from lagrange.machine.model import Model
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import build, x, y
@@ -77,9 +75,3 @@ def test_other_singularities_are_not_blamed_on_it(given: dict[str, Any], method:
     # LSODA may step over a pole, and what gives it away is the energy.
     ends = (Status.STEP_TOO_SMALL, Status.NON_FINITE, *([Status.UNRELIABLE] if method == "scipy-lsoda" else []))
     assert found.status in ends and "mass matrix" not in found.message
-
-
-def test_a_motion_in_words() -> None:
-    assert motion_along(["x", "y", "z"], np.array([0.5, -1.0, 0.0])) == "x.dot = -0.5, y.dot = 1"
-    many = motion_along([f"q{i}" for i in range(20)], np.ones(20))
-    assert many.startswith("q0.dot = 1, ") and many.endswith(", and so on") and many.count(",") == NAMED_VELOCITIES - 1

@@ -36,7 +36,7 @@ def model() -> Model:
     return unit_pendulum().compile()
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name in names() if isinstance(find(name), Planned)])
 def test_memory_has_a_bound(name: str, model: Model) -> None:
     step: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
@@ -71,19 +71,6 @@ def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None
     finally:
         tracemalloc.stop()
     assert 80_000 < taken < 360_000
-
-
-def test_the_bound_is_a_quarter_of_the_machine_unless_given(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert pace.machine_memory() > 2**28
-    monkeypatch.setattr(pace, "machine_memory", lambda: 40_000)
-    found = lg.integrate(model, (0.0, 1e5), method="rk4", step=0.01)
-    assert found.status is lg.Status.MAX_MEMORY and "max_memory = 10000 bytes" in found.message
-    monkeypatch.undo()
-    told = pace.machine_memory.__wrapped__
-    monkeypatch.setattr(os, "sysconf", lambda name: -1)
-    assert told() == pace.ASSUMED_MEMORY
-    monkeypatch.setattr(os, "sysconf_names", {})
-    assert told() == pace.ASSUMED_MEMORY
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "scipy-dop853"])

@@ -61,18 +61,6 @@ def test_a_string_goes_slack_where_gravity_bends_the_path_as_much() -> None:
     assert np.all(solution.evaluate(lg.multiplier("string"))[:-1] < 0)
 
 
-def test_a_multiplier_may_reset_the_motion() -> None:
-    solution = on_sphere().run(
-        0.5, events=[lg.event(lg.multiplier("sphere"), reset={x.dot: -x.dot, y.dot: -y.dot})], rtol=1e-12
-    )
-    assert len(solution.t_events[0]) == 1
-    # It goes back the way it came.
-    there, then = float(solution.t_events[0][0]), 0.5
-    np.testing.assert_allclose(
-        solution.at(then)[:2], on_sphere().run(2 * there - then, rtol=1e-12).at(2 * there - then)[:2], atol=1e-9
-    )
-
-
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_accelerations_may_be_in_events(target: str) -> None:
     arm = lg.System(

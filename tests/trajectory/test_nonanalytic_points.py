@@ -82,16 +82,6 @@ def test_straight_up_and_down_again(events: Any) -> None:
         assert found.t_events[0] == pytest.approx([turn], rel=1e-11)
 
 
-def test_events_around_a_leap_are_not_lost() -> None:
-    """On the way down just behind the turning point, within the millionth of the run that a leap takes."""
-    up = 10.0
-    turn = LIMIT / G * math.atan(up / LIMIT)
-    late = 1e-6
-    found = thrown().run(5.0, {y.dot: up}, events=[y.dot + G * late], rtol=1e-13, atol=1e-15)
-    # Behind the turn drag is of the second order: 1e-12 of the speed.
-    assert found.t_events[0] == pytest.approx([turn + late], abs=1e-11)
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
 def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:

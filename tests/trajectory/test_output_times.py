@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,12 @@ from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.sampled import StepInterpolant, StepInterpolants
 from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.tableaux.classical import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y
 from tests.show.examples import oscillator
@@ -41,6 +38,7 @@ def options(name: str, step: float = 0.1) -> dict[str, Any]:
     return {"step": step} if name in FIXED else {}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("end", [2.0, -2.0])
@@ -79,6 +77,7 @@ def few_bytes(count: int) -> int:
     return 8 * 5 * count + 3000
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.parametrize("end", [30.0, -30.0])
@@ -203,13 +202,6 @@ def test_lines_that_cannot_be_written_are_refused(given: Any, message: str, tmp_
     assert not list(tmp_path.iterdir())
 
 
-def test_a_sampled_run_is_the_run_at_other_times() -> None:
-    run = oscillator().sampled([0.25, 3.0])
-    np.testing.assert_allclose(run["x"], np.cos([0.5, 6.0]))
-    np.testing.assert_allclose(run.energy, 2.0)
-    assert run.at(4.0)[0] == pytest.approx(np.cos(8.0))
-
-
 # --- sampled --------------------------------------------------------------------------------------------------
 # The polynomial that is read off a solver's interpolant.
 
@@ -231,14 +223,6 @@ def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
     for first, last in ((0.5, 1.25), (1.25, 0.5)):
         times = np.linspace(first, last, 41)
         np.testing.assert_allclose(interpolant(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
-
-
-@pytest.mark.parametrize("spacings", [1, 3, 40, 250])
-def test_a_step_of_a_few_spacings_is_a_line(spacings: int) -> None:
-    """Between rounded times the states of an interpolant go up in stairs; longer ones rise all the same."""
-    theta = np.linspace(0, 1, 101)
-    np.testing.assert_allclose(rounded(spacings)(theta)[0], theta, atol=1e-15)
-    assert (np.diff(rounded(256 + spacings)(theta)[0]) > 0).all()
 
 
 def rounded(spacings: int) -> StepInterpolant:
@@ -321,7 +305,7 @@ def off(method: Any) -> float:
     return abs(measured_order(method, system, end) - claimed)
 
 
-@pytest.mark.few(14)
+@pytest.mark.few(7)
 @pytest.mark.parametrize("name", CLAIMED)
 def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
     """Neither less nor more: measured orders are within 0.17 of what is claimed."""
@@ -346,16 +330,6 @@ def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> No
     between = np.abs(found.dense(times) - fine.dense(times)).max(axis=1)
     # The spring's own part, of 1e-9 and less, counts for nothing beside the tolerance.
     assert (between < 1.02 * at_steps + 1e-9).all(), between / at_steps
-
-
-def test_a_tableau_of_high_order_without_a_path_gets_one() -> None:
-    """The cubic of a tableau of one's own is of order 3, too little for a method of order 5."""
-    compiled, times = model("Henon-Heiles"), np.linspace(0.0, 3.0, 203)
-    truth = exact(compiled, 3.0, t_eval=times).y
-    bare = replace(dopri5(), error=None, dense=None).hermite()
-    runs = [run(compiled, 3.0, RungeKutta(bare, step=3.0 / n)).dense(times) for n in (24, 48)]
-    errors = [np.abs(found - truth).max() for found in runs]
-    assert np.log2(errors[0] / errors[1]) > 4.65, errors
 
 
 def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
@@ -397,6 +371,7 @@ def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str
     assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
     compiled = model("elastic pendulum")

@@ -33,6 +33,7 @@ def exact(t: Any) -> Any:
     return np.sin(omega * (t - np.append(-math.pi / 2, PASSAGES)[which])) / omega
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5", "scipy-rk45"])
 def test_a_stiffness_doubles_at_each_passage(method: str) -> None:
     run = spring.run(15.0, events=[doubling], method=method)
@@ -172,10 +173,3 @@ def test_members_of_an_ensemble_change_parameters_one_by_one() -> None:
 def test_what_has_constant_parameters_refuses_by_name(does: Any, said: str) -> None:
     with pytest.raises(lg.StatementError, match=said):
         does()
-
-
-def test_a_message_states_the_span_and_the_limit_of_the_whole_run() -> None:
-    """A segment begins at the last event, with the steps that are left."""
-    run = spring.run(15.0, events=[doubling], max_steps=8)
-    assert len(run.t_events[0]) and run.status is lg.Status.MAX_STEPS
-    assert "used up max_steps = 8 at t = " in run.message and " on the way from 0 to 15, " in run.message

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -38,6 +37,7 @@ from tests.trajectory.runs import FIXED, NAMES, planned, run, same
 STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_is_that_of_a_model_that_has_kept_nothing(name: str, target: str) -> None:
@@ -403,21 +403,3 @@ def test_threads_share_a_model(name: str, events: str) -> None:
     finally:
         sys.setswitchinterval(before)
     assert all(map(same_events, found, expected))
-
-
-@pytest.mark.parametrize("events", ["none", "five"])
-def test_a_run_inside_a_run_has_a_driver_of_its_own(events: str) -> None:
-    compiled = watched("smooth")
-    given: dict[str, Any] = {"initial": {x: 1.0}, "events": WATCHED[events]}
-    expected, inner = run(compiled, 9.0, "taylor", **given), []
-    outer = run(
-        compiled, 9.0, "taylor", progress=lambda t: inner.append(run(compiled, 9.0, "taylor", **given)), **given
-    )
-    assert same_events(outer, expected) and inner and all(same_events(one, expected) for one in inner)
-
-
-def test_a_model_with_idle_drivers_of_events_pickles() -> None:
-    compiled = watched("smooth")
-    first = run(compiled, 9.0, "taylor", initial={x: 1.0}, events=[x])
-    again = pickle.loads(pickle.dumps(compiled))
-    assert same_events(run(again, 9.0, "taylor", initial={x: 1.0}, events=[x]), first)

@@ -11,7 +11,6 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import SceneError, StatementError
-from lagrange.evidence.quick import quick_check
 from tests.models import TARGETS, g, l, m, phi, x, y
 
 ROD = x**2 + y**2 - l**2
@@ -32,6 +31,7 @@ ALONE = pendulum({"rod": ROD})
 TWICE = pendulum({"rod": ROD, "twice": 2 * ROD, "rate": x * x.dot + y * y.dot}, redundant="allow")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_the_motion_is_that_of_independent_constraints(method: str, target: str) -> None:
@@ -89,21 +89,6 @@ def test_all_of_them_must_hold_at_the_start() -> None:
         TWICE.run(1.0, {x: 0.5})
     with pytest.raises(StatementError, match="no state was found that satisfies the constraints 'a' and 'b' together"):
         pendulum({"a": x - 1, "b": x - 2}, redundant="allow")
-
-
-def test_the_check_takes_the_independent_ones_and_says_it() -> None:
-    report = TWICE.check(points=2)
-    assert report and "alone: other constraints follow." in str(report)
-
-
-def test_the_quick_check_looks_along_what_they_allow(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = TWICE.compile("numpy")
-    quick_check(model)
-    right = model.accelerations
-    # Along the circle: G a is as it should be.
-    monkeypatch.setattr(model, "accelerations", lambda q, *at: right(q, *at) + 1e-6 * np.array([-q[1], q[0]]))
-    with pytest.raises(lg.RunError, match="x_ddot is"):
-        quick_check(model)
 
 
 def test_a_scene_may_allow_them(tmp_path: Path) -> None:

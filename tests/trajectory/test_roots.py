@@ -117,7 +117,7 @@ def sturm_count(c: FloatArray) -> int:
     return changes(0) - changes(1)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(10))
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share) -> None:
     """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
@@ -323,6 +323,7 @@ def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, h
     return sorted({t for t in joints if low <= t <= high})
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: Share) -> None:
@@ -338,6 +339,7 @@ def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: 
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if onward else -1], abs=4e-14)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("noise", [0.0, 1e-12])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_run_reports_each_touch_once(seed: int, noise: float, share: Share) -> None:
@@ -351,7 +353,7 @@ def test_a_run_reports_each_touch_once(seed: int, noise: float, share: Share) ->
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if path is edges else -1], abs=3e-6)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
     rng = np.random.default_rng(order)

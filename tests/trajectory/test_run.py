@@ -126,23 +126,12 @@ def test_a_run_with_resets_is_held_to_the_energy_until_the_first() -> None:
     assert run(falling(-1 / x), 3.0, "verlet", step=1e-3, events=[never]).status is Status.UNRELIABLE
 
 
-def test_an_event_at_the_end_of_a_lost_run_is_no_excuse() -> None:
-    found = run(falling(-1 / x), 3.0, "verlet", step=1e-3, events=[lg.event(x + 20, terminal=True)])
-    assert found.status is Status.UNRELIABLE and "stopped at an event" in found.message and len(found.t_events[0]) == 1
-
-
 def test_an_energy_that_is_free_to_change_is_not_spoken_of() -> None:
     pushed = build(kinetic=x.dot**2 / 2, forces={x: 1}, coordinates=[x], initial={x.dot: 1.0})
     assert "energy" not in run(pushed, 10.0, "euler", step=0.1).message
     bounced = lg.event(x, direction=-1, reset={x.dot: -x.dot / 2})
     stopped = run(falling(x), 2.0, "taylor", events=[bounced])
     assert len(stopped.t_events[0]) == 1 and "energy" not in stopped.message
-
-
-def test_an_energy_without_a_value_at_the_end_is_spoken_of() -> None:
-    """Two steps jump from x = 1 over the edge of log(x), whose force 1/x has values on both sides."""
-    found = run(falling(sp.log(x)), 4.0, "euler", step=2.0, initial={x: 1.0, x.dot: -3.0})
-    assert re.search("went from 4.5 to nan: the run does not follow the motion", found.message)
 
 
 # --- messages -------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from sympy import cos, exp, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.trajectory.sizes import entry_sizes, noise_floors, slopes_of
+from lagrange.trajectory.sizes import entry_sizes, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
 x, y, z, a, b, c = lg.coordinates("x y z a b c")
@@ -56,13 +56,7 @@ def steps(model: Any, end: float, method: str, **options: Any) -> int:
     return int(found.steps)
 
 
-def test_a_jump_is_not_noise() -> None:
-    """A start within rounding of a jump raised the tolerances by it: dop853 lost all digits but two at rtol 1e-11."""
-    model = lg.System(plain(x), x**2 / 2, forces={x: -sign(x - sp.Rational(3, 10))}, initial={x: 0.1 + 0.2}).compile()
-    floors = noise_floors(model, model.parameter_array(), 0.0, np.array(model.statement.initial), 1.0)
-    assert (floors < 1e-14).all()
-
-
+@pytest.mark.few
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
     small = 2.0**-30
@@ -72,6 +66,7 @@ def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
     assert found[y] / small == pytest.approx(found[x], abs=1e-12)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("off", [0.0, 6e-17, 1e-13, 1e-10])
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off: float) -> None:
@@ -79,7 +74,7 @@ def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off
     assert steps(model, 10.0, method) <= 1.5 * steps(model, 10.0, method, atol=1e-9) + 100
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
     model = compiled(chain, 24)
@@ -94,6 +89,7 @@ def row(count: int) -> lg.System:
     return lg.System(kinetic=plain(*q), potential=potential, coordinates=q, initial={q[0].dot: 1.0})
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ADAPTIVE)
 @pytest.mark.parametrize("count", [2, 12])
 def test_what_is_hit_at_rest_is_met(method: str, count: int) -> None:
@@ -109,6 +105,7 @@ PUSHES = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", [*ADAPTIVE, "scipy-dop853", "scipy-lsoda"])
 @pytest.mark.parametrize("push", PUSHES.values(), ids=PUSHES)
 def test_a_push_that_something_else_sets_off_is_met(method: str, push: Any) -> None:
@@ -269,6 +266,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", *OTHERS])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed != 2)) for seed in range(6)])

@@ -64,19 +64,6 @@ def test_what_cvode_gives_up_is_told_in_its_words_and_not_printed(method: CVODE)
     assert "CVODE says: " in run.message and "failed too many times" in run.message
 
 
-def test_the_jacobian_is_the_models_own(method: CVODE) -> None:
-    asked = problem(oscillator)
-    calls: list[float] = []
-    jacobian = asked.model.jacobian
-
-    def counted(t: float, y: Any, parameters: Any) -> Any:
-        calls.append(t)
-        return jacobian(t, y)
-
-    asked.model.jacobian = counted
-    assert method.integrate(asked).status is Status.SUCCESS and calls
-
-
 def test_steps_that_do_not_move_the_time_end_the_run(method: CVODE) -> None:
     # LLNL/sundials#44: dy/dt = 1/(t - 1) from t = 1 + 1e-15. CVODE warns ten times, and then steps on in silence.
     near = problem(lambda t, x, v: 1 / (t - 1), 1 + 1e-12, (0.0, 0.0), t0=1 + 1e-15, max_steps=10**7)
@@ -110,6 +97,7 @@ def test_nothing_is_asked_for_beyond_the_end(method: CVODE, t0: float, span: flo
     assert run.status is Status.SUCCESS and run.t[-1] == end and (np.diff(run.t) * span > 0).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("t1", [2.0, -2.0])
 def test_options_bound_the_steps(method: CVODE, t1: float) -> None:
     bounded = replace(method, max_step=0.01).integrate(problem(oscillator, t1))

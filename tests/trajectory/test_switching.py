@@ -103,19 +103,6 @@ def test_a_short_push_in_a_long_rest_is_not_missed(width: Any, target: str) -> N
     assert found.y[0, -1] == pytest.approx(speed * (50 - float(width) / 2), rel=1e-11)
 
 
-@pytest.mark.parametrize(("end", "expected"), [(2.0, [2.0, 2.0]), (-2.0, [0.0, 0.0])])
-def test_a_switch_at_the_start(end: float, expected: list[float]) -> None:
-    """The direction of the run tells which side it is."""
-    assert go(particle(force=Piecewise((1, t > 0), (0, True))), end).y[:, -1] == pytest.approx(expected, rel=1e-13)
-
-
-def test_two_surfaces_at_the_same_time() -> None:
-    model = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=Abs(x) + Abs(y), initial={x: 1.0, y: 1.0})
-    found = go(model, 40 * math.sqrt(2))
-    assert found.y[:, -1] == pytest.approx([1.0, 1.0, 0.0, 0.0], abs=1e-12)
-    assert found.steps < 60
-
-
 def test_a_surface_that_is_only_touched() -> None:
     """On a belt of speed 1 the mass moves as 1 - cos t, which reaches the speed of the belt and turns back."""
     found = go(particle(x**2 / 2, -sign(x.dot - 1)), 20.0)
@@ -155,6 +142,7 @@ INERTIAS = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [20, 30, 31, 64])
 @pytest.mark.parametrize("name", INERTIAS)
 @pytest.mark.parametrize("target", TARGETS)
@@ -218,6 +206,7 @@ def model(force: str) -> Any:
     return system.compile()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("force", FORCES)
 def test_no_step_has_a_switch_inside(force: str, span: tuple[float, float]) -> None:
@@ -233,6 +222,7 @@ def test_no_step_has_a_switch_inside(force: str, span: tuple[float, float]) -> N
         np.testing.assert_allclose(written.y, expected, rtol=0, atol=2e-12, err_msg=method)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_events_at_a_switch_happen_once(method: str) -> None:
     events = [lg.event(lg.t - 1), lg.event(lg.t - sp.Rational(5, 4)), lg.event(x, reset={x.dot: -x.dot / 2})]

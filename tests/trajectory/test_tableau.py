@@ -230,7 +230,7 @@ def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
     return y + h * sum(mpmath.mpf(b) * s for b, s in zip(B.split(), slopes, strict=True))
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "law"), PRECISE)
 def test_the_order_without_round_off(name: str, law: Law, everything: bool) -> None:
     """At 60 digits, one step less two of half the size is of order p + 1, in the mean over some places.
@@ -308,7 +308,7 @@ def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> No
         assert error > 1e-6
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
     law = DOUBLE_PENDULUM if name in MOMENTA else HENON_HEILES
@@ -322,7 +322,7 @@ def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
         assert error > 1e-12
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_what_is_symplectic_conserves_angular_momentum(name: str) -> None:
     """Noether's theorem for steps: an action that rotations leave alone; Marsden and West, 2001, section 1.3.3."""
@@ -340,7 +340,7 @@ def moment(y: Any) -> Any:
     return y[0] * y[3] - y[1] * y[2]
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_what_claims_to_conserve_energy_does_so_in_a_step(name: str) -> None:
     """The energy of Henon and Heiles is a cubic, on which the quadrature of a mean gradient is exact."""
@@ -371,6 +371,7 @@ def compiled(law: Law, target: str) -> Model:
     return build(target, kinetic=kinetic, potential=-2 * sp.cos(a) - sp.cos(b), coordinates=[a, b])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(("name", "law"), [(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
 def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, target: str, share: Share) -> None:
