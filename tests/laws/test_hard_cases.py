@@ -39,6 +39,7 @@ def kepler_state(r: float, v: float, end: float) -> list[float]:
         return [float(axis * (mpmath.cos(low) - e)), float(axis * mpmath.sqrt(1 - e * e) * mpmath.sin(low))]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("e", "allowed"), [(0.99, 1e-8), (0.9999, 1e-6)])
 def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -> None:
@@ -98,6 +99,7 @@ def test_burraus_bodies_part_as_published(method: str) -> None:
     assert np.linalg.norm(where[0]) > 10.0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
     """theta'' = (g - a omega^2 cos(omega t)) theta/l is stable from where -4 g/(l omega^2) is Mathieu's a_0(2 a/l)."""
@@ -139,6 +141,7 @@ def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
     assert np.abs(found - expected).max() < 1e-7
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
     chain = shared_scene("double-pendulum")
@@ -148,6 +151,7 @@ def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
     assert run["theta1"][-1] == pytest.approx(alone, abs=1e-9)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("turn", [1e-3, 1e-6])
 def test_a_spherical_pendulum_passes_its_pole(method: str, turn: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -21,34 +20,17 @@ from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
 from tests.covering import examples
+from tests.laws.mechanisms import functions_of, potentials, rationals, slope
 
 x, y = coordinates("x y")
 few = settings(max_examples=examples(6), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 some = settings(max_examples=examples(10), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
-
-rationals = st.fractions(-2, 2, max_denominator=4).filter(bool).map(lambda f: sp.Rational(f.numerator, f.denominator))
-
-
-def functions_of(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return random polynomial-trigonometric expressions of the leaves, a few terms each."""
-    factor = st.sampled_from([*leaves, *(leaf**2 for leaf in leaves)])
-    angle = st.builds(lambda c, a, b: c * a + b, rationals, st.sampled_from(leaves), rationals)
-    wave = st.one_of(angle.map(sin), angle.map(cos), st.just(sp.Integer(1)))
-    term = st.builds(lambda c, a, b: c * a * b, rationals, st.one_of(factor, wave), wave)
-    return st.lists(term, min_size=1, max_size=3).map(lambda terms: sp.Add(*terms))
 
 
 def kinetic_energies(*leaves: Any) -> st.SearchStrategy[Any]:
     """Return quadratic forms in the velocities that are positive wherever they are looked at."""
     pair = st.tuples(functions_of(*leaves), functions_of(*leaves))
     return pair.map(lambda g: (x.dot**2 + y.dot**2) / 2 + (g[0] * x.dot + g[1] * y.dot) ** 2 / 8)
-
-
-def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return potentials that keep the system near the origin."""
-    return functions_of(*leaves).map(
-        lambda v: v / 4 + sum(leaf**2 for leaf in leaves) + sum(leaf**4 for leaf in leaves)
-    )
 
 
 exponents = st.sampled_from([sp.Rational(3, 2), sp.Rational(7, 4), sp.Rational(5, 3), sp.Rational(5, 2), sp.Integer(3)])
@@ -79,10 +61,7 @@ def accelerations(of: Model, state: Any, time: float = 0.3) -> Any:
 
 def rate(f: Any, direction: Any) -> float:
     """Return the derivative of f(s) along s * direction at s = 0; the error is about 1e-11 of f."""
-    h = 1e-3
-    rows = [(f(d * direction) - f(-d * direction)) / (2 * d) for d in (h, h / 2, h / 4)]
-    rows = [(4 * b - a) / 3 for a, b in itertools.pairwise(rows)]
-    return float((16 * rows[1] - rows[0]) / 15)
+    return slope(lambda s: f(s * direction))
 
 
 @some

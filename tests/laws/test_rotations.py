@@ -168,6 +168,7 @@ def test_a_top_on_a_joint_has_the_linear_equations_of_a_body_that_turns_about_it
         assert (matrix - expected).applyfunc(sympy.simplify).is_zero_matrix
 
 
+@pytest.mark.slow
 def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere() -> None:
     """`linearize` compares itself with the model, and raises if it differs: a top on its joint in free motion."""
     held, _ = top_on_a_joint()
@@ -357,6 +358,7 @@ def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None
     assert "textbook accelerations" in str(report)
 
 
+@pytest.mark.slow
 def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point() -> None:
     """Its equations are solved in numbers there: a wrong inertia in them is found."""
     held, _ = top_on_a_joint()
@@ -415,6 +417,7 @@ def test_conserved_momenta_of_a_symmetric_top() -> None:
         assert np.ptp(values) < 1e-9, name
 
 
+@pytest.mark.slow
 def test_conserved_momenta_of_a_thrown_body_have_different_names() -> None:
     x, y, z = lg.coordinates("x y z")
     centre = sympy.Matrix([x, y, z])
@@ -460,6 +463,7 @@ def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
     assert run[R][:, 2, 2].max() < start + 1e-12
 
 
+@pytest.mark.slow
 def test_a_ring_holds_against_its_spring_while_the_rotor_tilts() -> None:
     run = example("gyroscope-on-gimbal")
     ring, tilt = run["psi"], run[R][:, 2, 2]
@@ -476,6 +480,7 @@ def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> 
     assert np.ptp(run.energy) < 1e-10
 
 
+@pytest.mark.slow
 def test_a_rattleback_turns_back() -> None:
     run = example("rattleback")
     spin = run[R.space][2]

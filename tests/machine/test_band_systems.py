@@ -128,30 +128,8 @@ def test_the_inverse_is_that_of_lapack(n: int) -> None:
 
 
 @pytest.mark.parametrize("n", ORDERS)
-def test_units_do_not_matter(n: int) -> None:
-    """Rows in one unit and columns in another: the inverse is as exact as without."""
-    draw = np.random.default_rng(100 + n)
-    for _ in range(20):
-        matrix = draw.normal(size=(n, n))
-        rows, columns = (2.0 ** draw.integers(-6, 7, n).astype(float) for _ in range(2))
-        found, singular = invert(rows[:, None] * matrix * columns)
-        plain = np.linalg.inv(matrix)
-        bound = 10 * n * 2.0**-52 * np.linalg.cond(matrix)
-        assert not singular
-        assert np.abs(columns[:, None] * found * rows - plain).max() <= bound * np.abs(plain).max()
-
-
-@pytest.mark.parametrize("n", ORDERS)
 def test_a_matrix_without_an_inverse_is_told(n: int) -> None:
     matrix = np.random.default_rng(n).normal(size=(n, n))
     matrix[-1] = matrix[0] if n > 1 else 0.0
     assert invert(matrix)[1]
     assert invert(np.zeros((n, n)))[1]
-
-
-@pytest.mark.parametrize("n", ORDERS)
-def test_what_is_no_number_is_no_verdict_on_the_matrix(n: int) -> None:
-    matrix = np.random.default_rng(n).normal(size=(n, n))
-    matrix[n // 2, n // 3] = np.nan
-    found, singular = invert(matrix)
-    assert not singular and np.isnan(found).any()

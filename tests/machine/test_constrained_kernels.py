@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.algorithm.series.packing import pack
 from lagrange.compiler import machine, model_of
-from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
 from lagrange.graph.node import Binding, Graph, Node
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm import procedures
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_series import NumpySeries
-from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.lower import lower
 from lagrange.program.program import Program, SolveGroup, scheduled
-from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
-from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, positive
+from tests.machine.matrices import REGULAR, SINGULAR, Matrix, positive
 from tests.models import m, stated
 from tests.series_systems import HELD, ladder, rods
 
@@ -60,6 +54,7 @@ def states(model: Model, count: int) -> tuple[Any, Any]:
     return y[model.layout.q], y[model.layout.v]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", CASES)
 def test_accelerations_and_multipliers_are_those_of_the_whole_system(name: str, target: str) -> None:
@@ -75,6 +70,7 @@ def test_accelerations_and_multipliers_are_those_of_the_whole_system(name: str, 
             assert found == pytest.approx(multipliers, rel=1e-11, abs=1e-12 * np.abs(multipliers).max())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", CASES)
 def test_the_jacobian_is_that_of_differences(name: str, target: str) -> None:
@@ -114,17 +110,6 @@ def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
         held.accelerations(straight, np.zeros(2 * loops + 2), 0.25)
     bent = np.ravel([(i + 0.28, 0.96) for i in range(loops + 1)])
     assert np.isfinite(held.accelerations(bent, np.zeros(2 * loops + 2), 0.25)).all()
-
-
-@pytest.mark.parametrize("order", [6, 0])
-def test_a_dense_system_beyond_what_is_written_out_has_its_inverse(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.program.elimination.MOST_MULTIPLICATIONS", 0)
-    statement = rods(3)
-    program = series_program(euler_lagrange(statement))[0]
-    given = np.array([statement.defaults[p] for p in statement.parameters])
-    expected = NumpySeries(program).rows(6, 0.25, np.array(statement.initial), 0.5, given)
-    found = CompiledJet(pack(program, 8), order).rows(6, 0.25, np.array(statement.initial), 0.5, given)
-    assert found == pytest.approx(expected, rel=1e-11, abs=1e-12)
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
@@ -229,19 +214,6 @@ def test_together_is_one_by_one_to_the_last_bit(
         assert (together == alone).all()
 
 
-@pytest.mark.parametrize("n", [3, pytest.param(6, marks=pytest.mark.slow)])
-def test_multipliers_too(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pivots below zero for the last unknown, behind a matrix with pivots that are trusted or not."""
-    rng = np.random.default_rng(n)
-    program = random_program(rng, n, multipliers=1)
-    for kind in (positive, hollow):
-        a = kind(rng, n)
-        a[-1, -1] = 0.0
-        y = np.concatenate([triangle(a), triangle(a), rng.normal(size=n)])
-        together, alone = both(program, monkeypatch, partial(at, y))
-        assert (together == alone).all()
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("n", ORDERS)
@@ -259,26 +231,6 @@ def test_a_singular_matrix_of_a_group_is_told(n: int, kind: Matrix) -> None:
     with pytest.raises(SingularMassMatrix) as raised:
         kernel(0.0, many, np.empty(0))
     assert raised.value.column == 5
-
-
-@pytest.mark.parametrize("n", [7, 12])
-def test_what_is_not_finite_stays_in_its_column(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """NaN in some right-hand sides leaves the other lanes of their vectors as they are."""
-    rng = np.random.default_rng(n)
-    graph = Graph()
-    entries = [graph.symbol(f"a{i}", Binding.CONFIGURATION) for i in range(n * (n + 1) // 2)]
-    right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(11 * n)]
-    rows = [[1 * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(n)]
-    outputs = [x for k in range(11) for x in graph.solve(rows, right[k * n : (k + 1) * n])]
-    time = graph.symbol("t", Binding.TIME)
-    program = lower("apart", {"x": outputs}, {"y": [*entries, *right]}, time, [])
-    for kind in (positive, hollow):
-        b = rng.normal(size=(11, n))
-        b[[0, 3, 10]] = np.nan
-        y = np.concatenate([triangle(kind(rng, n)), b.ravel()])
-        together, alone = both(program, monkeypatch, partial(at, y))
-        assert np.array_equal(together, alone, equal_nan=True)
-        assert (np.isnan(together.reshape(11, n)).any(axis=1) == np.isnan(b).any(axis=1)).all()
 
 
 def test_an_order_of_groups_is_an_order_of_the_program() -> None:
@@ -303,20 +255,6 @@ def test_an_order_of_groups_is_an_order_of_the_program() -> None:
             else:
                 assert done.issuperset(code[step].args)
                 (ready if step in grouped else done).add(step)
-
-
-def test_a_group_has_one_test_of_its_pivots_and_one_call() -> None:
-    """Twelve systems of order 2 are one branch to pivoting; of order 7, one call that solves all."""
-    for n, pattern in ((2, r", !prof !1"), (7, r"call void @solve_columns\(i64 7, i64 16,")):
-        graph = Graph()
-        entries = [graph.symbol(f"a{i}", Binding.CONFIGURATION) for i in range(n * (n + 1) // 2)]
-        right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(12 * n)]
-        rows = [[1 * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(n)]
-        outputs = [x for k in range(12) for x in graph.solve(rows, right[k * n : (k + 1) * n])]
-        time = graph.symbol("t", Binding.TIME)
-        kernel = LlvmKernel(lower("twelve", {"x": outputs}, {"y": [*entries, *right]}, time, []))
-        assert len(re.findall(pattern, kernel.ir)) == 1
-    assert "call void @solve_factored" not in kernel.ir.partition("define i32 @twelve(")[2]
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])

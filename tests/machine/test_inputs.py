@@ -145,12 +145,3 @@ def test_without_them_it_is_refused_in_the_names_of_the_velocities(target: str) 
                 model.mass_matrix(q)
     with pytest.raises(lg.StatementError, match=r"q has shape \(2,\) and v \(2, 3\): give both the same shape"):
         lg.System(**RELATIVISTIC).compile(target).mass_matrix([1.0, 2.0], v=np.ones((2, 3)))
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_where_it_does_not_depend_on_them_they_may_be_given_and_change_nothing(target: str) -> None:
-    kinetic = (1 + x**2) * x.dot**2 / 2 + lg.t * x.dot * y.dot + y.dot**2
-    model = lg.System(kinetic=kinetic, potential=0, coordinates=[x, y]).compile(target)
-    q = np.array([[0.3, 1.0, 2.0], [0.1, 0.0, 1.0]])
-    np.testing.assert_array_equal(model.mass_matrix(q, 0.5), model.mass_matrix(q, 0.5, v=1e3 * q))
-    np.testing.assert_array_equal(model.mass_matrix(q[:, 0], 0.5), [[1.09, 0.5], [0.5, 2.0]])

@@ -129,16 +129,6 @@ def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
                     assert found[k] == alone(procedure, member), (life, k, member)
 
 
-def test_whole_numbers_change_their_signs() -> None:
-    p = Builder("change", "Minus a whole number.")
-    n, data = p.given("n", WHOLE), p.array("data")
-    data[0] = p.real(-n)
-    procedure = p.finish()
-    members = [(0.0, 0.0, n) for n in (-3, 0, 1, 2**40)]
-    found = in_lanes(procedure, members, len(members), 15, "plain", own_n=True)
-    assert [row[0] for row in found] == [bits(float(-n)) for *_, n in members]
-
-
 @pytest.fixture(autouse=True)
 def _no_signs_of_nan(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what copies the sign of a NaN, of which the form says nothing."""

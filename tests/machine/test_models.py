@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from operator import attrgetter
@@ -49,6 +50,7 @@ def test_both_machines_give_the_same_for_every_quantity_and_element(name: str) -
             assert compiled == pytest.approx(reference, rel=1e-11, abs=1e-11), quantity
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_columns_are_the_states_one_by_one(name: str, target: str) -> None:
@@ -292,25 +294,6 @@ def test_any_expression_along_states(target: str) -> None:
     assert (compiled.evaluate_expression(sp.Integer(3), 0.0, y) == np.full(5, 3.0)).all()
 
 
-def test_a_kernel_says_what_it_is() -> None:
-    compiled = model("pendulum")
-    kernel: Any = compiled.kernel("rhs")
-    assert kernel.program.name == "rhs" and "define i32 @rhs(double %t" in kernel.ir
-    assert compiled.kernel("rhs") is kernel
-    assert repr(compiled) == "<Model of pendulum (theta) on llvm>"
-    many = lg.coordinates(" ".join(f"u{i}" for i in range(50)))
-    chain = lg.System(sum((q.dot**2 for q in many), sp.S.Zero), name="chain")
-    assert repr(chain) == "<System chain: u0, u1, u2, u3, u4, u5, u6, u7 and 42 others>"
-    assert isinstance(SingularMassMatrix(3), RunError)
-
-
-def test_both_machines_load_one_program() -> None:
-    """The program of a Jacobian is a tenth of the time of a check, and was lowered for each machine."""
-    system = lg.System(theta.dot**2 * phi**2 + phi.dot**2, coordinates=[theta, phi])
-    first, second = (system.compile(target, check=False).kernel("jacobian").program for target in TARGETS)
-    assert first is second
-
-
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_name_of_a_program_means_nothing(target: str) -> None:
     """What is called in registers, and what of it is returned, stands in the record."""
@@ -360,83 +343,73 @@ def test_other_defaults_change_the_values_and_compile_nothing(target: str) -> No
 # What a model cannot be asked is refused in the system's own names.
 
 
-class TestRefusals:
-    """What cannot be meant is refused in the system's own names."""
+REFUSED: dict[str, tuple[Callable[[Model], Any], str]] = {
+    "short": (
+        lambda of: of.accelerations([1.0], [1.0]),
+        r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
+    ),
+    "short v": (
+        lambda of: of.accelerations([1.0, 2.0], [1.0]),
+        r"v has shape \(1,\); this system has 2 coordinates",
+    ),
+    "unlike": (
+        lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 3))),
+        r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape",
+    ),
+    "cube": (lambda of: of.accelerations(np.ones((2, 2, 2)), np.ones((2, 2, 2))), r"q has shape \(2, 2, 2\)"),
+    "complex": (
+        lambda of: of.accelerations([1j, 0], [0, 0]),
+        "q has entries of type complex128: give real numbers",
+    ),
+    "ragged": (
+        lambda of: of.accelerations([[1, 2], [3]], [[1, 2], [3]]),
+        r"q is not an array: .* Give rows of one length",
+    ),
+    "state": (
+        lambda of: of.rhs(0.0, [1, 2, 3]),
+        r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)",
+    ),
+    "complex state": (lambda of: of.jacobian(0.0, np.ones(4) * 1j), "y has entries of type complex128"),
+    "times": (
+        lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 2)), np.zeros(3)),
+        r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column",
+    ),
+    "complex time": (
+        lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 2)), 1j),
+        "the time t is 1j, a complex number",
+    ),
+    "time of no column": (
+        lambda of: of.accelerations(np.ones(2), np.ones(2), [0.0]),
+        r"t has shape \(1,\) and the states have no columns",
+    ),
+    "parameter": (
+        lambda of: of.accelerations([0.1, 0.2], [0, 0], parameters={"mass": 1}),
+        "'mass' is not a parameter of this system; its parameters are",
+    ),
+    "quantity": (
+        lambda of: of.evaluate("speed", [0, 0], [0, 0]),
+        "'speed' is not a quantity of a model: they are rhs, jacobian",
+    ),
+    "expression": (
+        lambda of: of.evaluate_expression(z, 0.0, np.ones((4, 2))),
+        r"the expression contains z\(t\), which this system does not have",
+    ),
+}
 
-    @pytest.fixture(params=TARGETS)
-    def pendulums(self, request: pytest.FixtureRequest) -> Model:
-        return model("double pendulum", request.param)
 
-    @pytest.mark.parametrize(
-        ("q", "v", "message"),
-        [
-            (
-                [1.0],
-                [1.0],
-                r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
-            ),
-            ([1.0, 2.0], [1.0], r"v has shape \(1,\); this system has 2 coordinates"),
-            (np.ones((2, 2)), np.ones((2, 3)), r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape"),
-            (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
-            (1.0, 1.0, r"q has shape \(\)"),
-            ([1j, 0], [0, 0], "q has entries of type complex128: give real numbers"),
-        ],
-    )
-    def test_states(self, pendulums: Model, q: Any, v: Any, message: str) -> None:
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_meant_is_refused_in_the_names_of_the_system(what: str) -> None:
+    call, message = REFUSED[what]
+    for target in TARGETS:
         with pytest.raises(StatementError, match=message):
-            pendulums.accelerations(q, v)
+            call(model("double pendulum", target))
 
-    def test_whole_states(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)"):
-            pendulums.rhs(0.0, [1, 2, 3])
-        with pytest.raises(StatementError, match="y has entries of type complex128"):
-            pendulums.jacobian(0.0, np.ones(4) * 1j)
 
-    def test_ragged_lists(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"q is not an array: .* Give rows of one length"):
-            pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
-
-    @pytest.mark.parametrize(
-        ("t", "message"),
-        [
-            (np.zeros(3), r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column"),
-            (np.zeros((2, 1)), r"t has shape \(2, 1\)"),
-            (1j, "the time t is 1j, a complex number"),
-        ],
-    )
-    def test_times(self, pendulums: Model, t: Any, message: str) -> None:
-        with pytest.raises(StatementError, match=message):
-            pendulums.accelerations(np.ones((2, 2)), np.ones((2, 2)), t)
-
-    def test_a_time_per_column_without_columns(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"t has shape \(1,\) and the states have no columns"):
-            pendulums.accelerations(np.ones(2), np.ones(2), [0.0])
-
-    @pytest.mark.parametrize(
-        ("given", "message"),
-        [
-            ({"mass": 1}, "'mass' is not a parameter of this system; its parameters are"),
-        ],
-    )
-    def test_parameters(self, pendulums: Model, given: Any, message: str) -> None:
-        with pytest.raises(StatementError, match=message):
-            pendulums.accelerations([0.1, 0.2], [0, 0], parameters=given)
-
-    def test_a_missing_parameter(self) -> None:
-        free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
-        with pytest.raises(
-            StatementError, match=r"no value for parameter stiffness: give one, for example parameters="
-        ):
-            free.accelerations([0.1], [0.0])
-        assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
-
-    def test_a_quantity_that_is_not_there(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match="'speed' is not a quantity of a model: they are rhs, jacobian"):
-            pendulums.evaluate("speed", [0, 0], [0, 0])
-
-    def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"the expression contains z\(t\), which this system does not have"):
-            pendulums.evaluate_expression(z, 0.0, np.ones((4, 2)))
+def test_a_missing_parameter() -> None:
+    free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
+    with pytest.raises(StatementError, match=r"no value for parameter stiffness: give one, for example parameters="):
+        free.accelerations([0.1], [0.0])
+    assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
 
 
 @pytest.mark.parametrize(("name", "count"), [("none", 0), ("two words", 1), ("", 1)])
@@ -444,6 +417,18 @@ def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
     compiled = model("oscillator")
     with pytest.raises(StatementError, match=f"there is no function '{name}' of {count} nodes: name it, and give a"):
         compiled.function(name, compiled.equations.q[:count])
+
+
+def test_a_kernel_says_what_it_is() -> None:
+    compiled = model("pendulum")
+    kernel: Any = compiled.kernel("rhs")
+    assert kernel.program.name == "rhs" and "define i32 @rhs(double %t" in kernel.ir
+    assert compiled.kernel("rhs") is kernel
+    assert repr(compiled) == "<Model of pendulum (theta) on llvm>"
+    many = lg.coordinates(" ".join(f"u{i}" for i in range(50)))
+    chain = lg.System(sum((q.dot**2 for q in many), sp.S.Zero), name="chain")
+    assert repr(chain) == "<System chain: u0, u1, u2, u3, u4, u5, u6, u7 and 42 others>"
+    assert isinstance(SingularMassMatrix(3), RunError)
 
 
 def test_python_has_no_address_and_says_where_one_is() -> None:

@@ -345,6 +345,7 @@ def assert_inverse(inverse: FloatArray, matrix: FloatArray) -> None:
     assert inverse @ matrix == pytest.approx(np.eye(len(matrix)), abs=1e-7)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("n", "target"), [(1, "numpy"), (2, "numpy"), (1, "llvm"), (2, "llvm"), (3, "llvm"), (5, "llvm")]
 )
@@ -367,6 +368,7 @@ def test_the_first_matrix_is_the_derivative_of_the_residuals(name: str, n: int, 
         assert_kept(ours, theirs)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", CONSTRAINED)
 def test_the_first_matrix_has_the_gradients_of_constraints(name: str, target: str) -> None:
@@ -383,6 +385,7 @@ def linear(matrix: FloatArray, _: float, y: FloatArray) -> FloatArray:
     return matrix @ y
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EVERY)
 def test_a_matrix_that_is_kept_is_that_of_its_step(name: str, target: str) -> None:

@@ -18,7 +18,7 @@ from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel, printed
-from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
+from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines
 from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from tests.models import TARGETS
@@ -53,6 +53,7 @@ SYSTEMS = {
 QUANTITIES = ("rhs", "jacobian", "energy", "momenta", "mass_matrix")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
@@ -93,17 +94,6 @@ def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> No
         y[-1] = math.nan
         assert quick.whole(0, y) is quick.whole(math.inf, y) is quick.parts(0.3, y[:n], y) is None
         assert (quick.whole(0.3, y) is None) == (not np.isfinite(kernel(0.3, y, parameters)).all())
-
-
-@pytest.mark.parametrize("factor", [-1, sp.Rational(-5, 4), sp.Rational(5, 4), k, -k])
-def test_a_first_pivot_of_any_sign_is_read_where_it_is_known(factor: Any) -> None:
-    """A constant that a factor of L makes negative is tested before the function of a state."""
-    lagrangian = x.dot**2 + x * y.dot * x.dot + (1 + x**2) * y.dot**2 - x**2 * y**2
-    turned = lg.System(lagrangian=factor * lagrangian, coordinates=[x, y], parameters={k: 2.0}).compile("numpy")
-    plain = lg.System(lagrangian=lagrangian, coordinates=[x, y]).compile("numpy")
-    for state in np.random.default_rng(2).normal(size=(4, 4)):
-        expected = plain.accelerations(state[:2], state[2:])
-        assert turned.accelerations(state[:2], state[2:]) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def rows_program() -> Program:
@@ -173,63 +163,6 @@ def test_sines_of_many_angles_are_made_of_the_tangents_of_their_halves(monkeypat
     assert np.isnan(kernel.columns(0.0, [np.full((3, 2), np.inf)], none)).all()
 
 
-def test_only_results_that_may_lack_an_inertia_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To test whether 100,000 accelerations are finite takes as long as to compute those of small systems."""
-    mass = lg.parameters("m", positive=False)
-    free = lg.System(kinetic=(mass * x.dot**2 + y.dot**2) / 2, potential=x**4, coordinates=[x, y]).compile("numpy")
-    polar = lg.System(kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0}).compile("numpy")
-    with pytest.raises(lg.RunError, match="mass matrix is singular"):
-        free.rhs(0.0, np.ones((4, 3)), {mass: 0.0})
-    seen: list[Any] = []
-
-    def looked_at(found: Any) -> bool:
-        seen.append(found)
-        return True
-
-    monkeypatch.setattr("lagrange.machine.model.surely_finite", looked_at)
-    free.rhs(0.0, np.ones((4, 3)), {mass: 2.0})
-    assert not seen
-    polar.rhs(0.0, np.ones((4, 3)))
-    free.rhs(0.0, np.ones((4, 3)), {mass: 0.0})
-    assert len(seen) == 2
-
-
-def test_rows_of_a_solved_system_are_free_when_they_are_read() -> None:
-    """But for those that are results: what is computed after the solve is written elsewhere."""
-    code = (
-        *(Instruction("state", place=i) for i in range(3)),
-        Instruction("exp", (0,)),
-        Instruction("exp", (1,)),
-        Instruction("add", (3, 4)),
-        Instruction("factor", (5, 0, 4), order=2),
-        Instruction("solve", (6, 1, 2), order=2),
-        Instruction("component", (7,)),
-        Instruction("component", (7,), place=1),
-        Instruction("add", (8, 9)),
-        *(Instruction(op, (10,)) for op in ("sin", "cos", "tan", "exp", "sinh", "tanh", "atan")),
-        Instruction("add", (11, 12)),
-        *(Instruction("mul", (18 + k, 13 + k)) for k in range(5)),
-    )
-    program = Program("solved", (ProgramBlock("y", 3),), 0, code, 0, (8, 23, 10), (ProgramBlock("a", 3),), (3,))
-    y, none = np.random.default_rng(6).uniform(0.1, 0.3, size=(3, 100)), np.empty(0)
-    found = PythonKernel(program)(0.0, y, none)
-    assert found == pytest.approx(InterpretedKernel(program)(0.0, y, none), rel=1e-12)
-
-
-def test_what_needs_parameters_alone_is_tested_once() -> None:
-    """The pivot of the first link is a sum of masses: neither it nor the size of the second is computed again."""
-    system = lg.scene("double-pendulum")
-    text = StraightLines(system.compile(target="numpy").kernel("rhs").program).scalar()
-    outside, inside = text.split("    def rhs(t, y):")
-    assert outside.count("abs(") == 2 and outside.count(" < p5") == 1 and outside.count("1.0 / ") == 1
-    assert inside.count("abs(") == 0 and inside.count("return None") == 1 and inside.count("1.0 / ") == 1
-    kernel = system.compile(target="numpy").kernel("rhs")
-    nothing = np.zeros(len(system.parameters))
-    assert kernel.quick(nothing) is None
-    with pytest.raises(SingularMassMatrix):
-        kernel(0.0, np.ones(4), nothing)
-
-
 def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = SYSTEMS["2 links"].compile(target="numpy").kernel("rhs")
     monkeypatch.setattr("lagrange.machine.kernel.python_kernel.MOST_COLUMNS", 64)
@@ -290,16 +223,6 @@ def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
         assert kernel(0.0, given, parameters)[1] == pytest.approx(given[1] / 2)
     # Without inertia no pivot can be trusted, and the interpreter still finds the answer.
     assert kernel(0.0, np.array([0.0, 5.0]), np.array([0.0])) == pytest.approx([0.0, 2.5])
-
-
-def test_a_large_system_is_interpreted() -> None:
-    assert fits(pendulums(3).compile(target="numpy").kernel("rhs").program) and LARGEST_IN_PYTHON >= 10
-    order = LARGEST_IN_PYTHON + 1
-    entries = tuple(range(order * (order + 1) // 2))
-    code = (*(Instruction("state", place=i) for i in entries), Instruction("factor", entries, order=order))
-    assert not fits(
-        Program("wide", (ProgramBlock("q", len(entries)),), 0, code, 0, (0,), (ProgramBlock("a", 1),), (1,))
-    )
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])

@@ -33,7 +33,8 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.events.surfaces import stated_sides
 from tests.covering import examples
-from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
+from tests.laws.mechanisms import functions_of, potentials
+from tests.laws.test_random_systems import bent_energies, kinetic_energies
 from tests.models import SYSTEMS, TARGETS, chain, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
 from tests.series_systems import HELD, LARGER
@@ -90,6 +91,7 @@ def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, give
     assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_written_out(name: str, lanes: int) -> None:
@@ -102,6 +104,7 @@ def test_written_out(name: str, lanes: int) -> None:
         )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
@@ -287,6 +290,7 @@ def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
     assert NumpySeries(staged).rows(6, 0.25, state, 0.5, given) == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [6, 0])
 @pytest.mark.parametrize("name", ["charge", "elastic pendulum", "Henon-Heiles"])
 def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> None:
@@ -364,6 +368,7 @@ def written(name: str, order: int) -> int:
     return len(re.findall(r" f(?:add|sub|mul|div) |@llvm\.fma", jet))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [8, 16])
 @pytest.mark.parametrize("name", NAMES)
 def test_operations_are_those_of_the_code(name: str, order: int) -> None:
@@ -410,24 +415,6 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
     assert (rows[0] == rows[1]).all() and not (other == rows[0]).all()
     assert copy.deepcopy(series) is series
     assert (pickle.loads(pickle.dumps(series)).rows(6, 0.0, state, 1.0, values) == rows[0]).all()
-
-
-def test_a_matrix_is_eliminated_once_a_step_or_once_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was eliminated again at every order."""
-    real, made = interpreted_jet.Eliminated, []
-
-    def counted(matrix: Any) -> interpreted_jet.Eliminated:
-        made.append(matrix)
-        return real(matrix)
-
-    monkeypatch.setattr(interpreted_jet, "Eliminated", counted)
-    for name, times in (("double pendulum", 2), ("coupled masses", 1)):
-        statement, program = stated_series(name)
-        series, values = NumpySeries(program), np.array([statement.defaults[p] for p in statement.parameters])
-        for _ in range(2):
-            series.rows(6, 0.0, np.array(statement.initial) + 0.1, 1.0, values)
-        assert len(made) == times
-        made.clear()
 
 
 @pytest.mark.parametrize("exact", [False, True])

@@ -7,7 +7,6 @@ Between machines the series differ by rounding.
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from typing import Any
 
@@ -27,7 +26,7 @@ from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries
-from lagrange.machine.series.llvm_steps import _events, compiled_steps
+from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
@@ -169,6 +168,7 @@ def assert_same(state: DriverState, first: DriverState) -> None:
     assert (abs(state.y - first.y) <= 1e-7 * np.maximum(abs(first.y), abs(first.y).max() * 1e-6)).all()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", [name for name in STATED if name != "bump"])
@@ -176,6 +176,7 @@ def test_all_machines_take_the_same_taylor_steps(name: str, order: int, directio
     assert_lockstep(name, order, direction, (1e-8, 1e-40 if name in ("tiny", "slow") else 1e-10))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("which", "value"), [("longest", 0.011), ("limit", 0.003), ("once", 0.007), ("scale", 2.0**30)]
 )
@@ -184,6 +185,7 @@ def test_all_machines_keep_to_the_same_bounds(name: str, which: str, value: floa
     assert_lockstep(name, 8, 1, (1e-8, 1e-10), **{which: value})
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("tolerances", [(1e-3, 0.0), (1e-12, 1e-3), (1e-15, 1e-15)])
 @pytest.mark.parametrize("name", ["driven", "Kepler orbit"])
 def test_all_machines_keep_to_the_same_tolerances(name: str, tolerances: tuple[float, float]) -> None:
@@ -318,39 +320,8 @@ def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str])
         assert (made == []) is again
 
 
-def oscillators(dimension: int) -> lg.System:
-    """Return as many as there are coordinates."""
-    q = [lg.coordinate(f"q{i}") for i in range(dimension)]
-    kinetic, potential = sum(one.dot**2 for one in q) / 2, sum(one**2 for one in q) / 2
-    return lg.System(kinetic=kinetic, potential=potential, coordinates=q, name=f"{dimension} oscillators")
-
-
-@pytest.mark.slow
-def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
-    made: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Quickly by the first loop of a process, and well by the first that is compiled well."""
-    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 40)
-    compiled_steps.cache_clear()
-    _events.cache_clear()
-    # Engines that are in use call the functions that were just given up.
-    engine._ENGINES.clear()
-    found = []
-    for dimension in (1, 2, 3):
-        system = oscillators(dimension)
-        q = system.coordinates[0]
-        model = system.compile(check=False)
-        ends = [lg.integrate(model, (0.0, 60.0), {q: 1.0}, rtol=1e-9, events=[lg.Event(q)]) for _ in range(3)]
-        times = [end.t_events[0].tobytes() for end in ends]
-        assert len(ends[0].t_events[0]) == 19 and times[1:] == times[:-1]
-        found.append([sum(re.search(kind, text) is not None for text in made) for kind in (INSPECTS, STEPS)])
-    assert found == [[2, 2], [2, 4], [2, 6]]
-
-
 # --- object code ----------------------------------------------------------------------------------------------
 # The same text is compiled once in a process, and what is kept of it is bounded.
-
-TEXT = "define double @f(double %a) {\n  %b = fadd double %a, 1.0\n  ret double %b\n}\n"
 
 
 def test_a_system_that_is_stated_again_is_not_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,22 +342,6 @@ def test_a_system_that_is_stated_again_is_not_compiled_again(monkeypatch: pytest
     first, count = rates(k), len(compiled)
     assert rates(k) == first and len(compiled) == count > 0
     assert rates(2 * k) != first and len(compiled) > count
-
-
-def test_each_way_of_compiling_has_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    ways: list[tuple[object, ...]] = []
-    emitting: Any = engine._compiled
-    monkeypatch.setattr(engine, "COMPILED", ObjectCode())
-
-    def noted(text: str, *how: object) -> bytes:
-        ways.append(how)
-        return bytes(emitting(text, *how))
-
-    monkeypatch.setattr(engine, "_compiled", noted)
-    for _ in range(2):
-        for how in ([], ["quickly"], ["optimize"], ["merge"], ["optimize", "quickly"]):
-            assert Module(TEXT, **dict.fromkeys(how, True)).address("f")
-    assert len(ways) == len(set(ways)) == 5
 
 
 def test_what_is_kept_is_bounded_and_the_oldest_goes_first() -> None:

@@ -68,22 +68,6 @@ def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) 
     assert np.array_equal(runs.y[:, -1], ends.y)
 
 
-@pytest.mark.slow
-def test_a_run_with_a_limit_of_steps_ends_where_it_ends_alone() -> None:
-    times = np.linspace(0.0, 3.0, 31)
-    for method, options in METHODS.items():
-        for extra in ({}, {"t_eval": times}):
-            given: dict[str, Any] = {"method": method, "max_steps": 7, **options, **extra}
-            runs = lg.ensemble(pendulum(), 3.0, {"theta": STARTS[:3]}, keep=("end", "counts"), **given)
-            alone = pendulum().run(3.0, {"theta": STARTS[1]}, **given)
-            assert runs.status[1] is alone.status is lg.Status.MAX_STEPS
-            assert runs.steps[1] == alone.steps and runs.results.column("t_end")[1] == alone.trajectory.span[1]
-            if extra:
-                reached = len(alone.t)
-                assert np.allclose(runs.y[:, :reached, 1], alone.y, rtol=1e-13)
-                assert np.isnan(runs.y[:, reached:, 1]).all()
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", list(METHODS))
 def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:

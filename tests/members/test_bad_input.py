@@ -14,7 +14,7 @@ import sympy as sp
 from scipy.stats import norm, qmc
 
 import lagrange as lg
-from lagrange.members import store, varied, work
+from lagrange.members import store, varied
 
 THREE = [0.1, 0.2, 0.3]
 
@@ -114,12 +114,6 @@ def test_an_axis_without_values(axis: Any, text: str) -> None:
     refused(lambda: lg.grid({"theta": axis}), text)
 
 
-def test_a_grid_of_any_direction_and_of_one_place() -> None:
-    assert lg.grid({"x": (1.0, 0.0, 3)}).values("x", np.arange(3)).tolist() == [1.0, 0.5, 0.0]
-    assert lg.grid({"x": (1.0, 1.0, 1)}).values("x", np.arange(1)).tolist() == [1.0]
-    refused(lambda: lg.grid(dict.fromkeys("abcd", (0, 1, 10**4))), "the grid has 1e+16 members")
-
-
 class Distribution:
     """One whose quantiles are what a function says."""
 
@@ -197,18 +191,6 @@ def test_executors_that_run_nothing() -> None:
 @pytest.mark.parametrize("workers", [0, -1, True, 2.5, "2", np.nan, 10**6])
 def test_workers_that_are_no_number(workers: Any) -> None:
     refused(lambda: run(workers=workers), "workers")
-
-
-def test_threads_that_the_machine_does_not_give(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        work.ThreadRunner, "submit", lambda *given: Giving(RuntimeError("can't start new thread")).submit()
-    )
-    refused(lambda: run(workers=1000), "(can't start new thread): give one that is open", error=lg.RunError)
-
-
-@pytest.mark.parametrize("progress", [1, "yes", None])
-def test_progress_is_true_or_false(progress: Any) -> None:
-    refused(lambda: run(progress=progress), "progress = ")
 
 
 def test_places_that_cannot_hold_a_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

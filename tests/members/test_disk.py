@@ -142,15 +142,3 @@ def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]
         if through:
             break
     assert fails > 20
-
-
-@pytest.mark.slow
-def test_a_disk_that_grows_page_by_page(tmp_path: Path, whole: dict[str, bytes]) -> None:
-    with small_disk(tmp_path / "disk", f"size={PAGE}") as disk:
-        for count in range(2, 1000):
-            try:
-                run(disk / "runs.zarr")
-                break
-            except lg.RunError:
-                mount("-o", f"remount,size={count * PAGE}", str(disk))
-        assert files(disk / "runs.zarr") == whole

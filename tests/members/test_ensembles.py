@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.machine.llvm.processor import lanes
 from lagrange.members import work
-from lagrange.members.work import ThreadRunner
 from tests.refusals import refusal
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -106,22 +104,6 @@ def test_how_members_are_divided_does_not_change_a_bit(
         assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
-@pytest.mark.parametrize(("method", "least"), [("taylor", lanes()), ("radau5", 1)])
-def test_members_that_take_long_fill_the_lanes(method: str, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every member takes longer than a chunk should: lanes are filled all the same, and runs come back one by one."""
-    counts: list[int] = []
-    note = work.ChunkSize.note
-
-    def noted(size: work.ChunkSize, members: int, *took: Any) -> None:
-        counts.append(members)
-        note(size, members, *took)
-
-    monkeypatch.setattr(work.ChunkSize, "note", noted)
-    monkeypatch.setattr(ThreadRunner, "chunk_seconds", 0.0)
-    lg.ensemble(system("pendulum"), 0.1, {"theta": np.linspace(0.1, 1.0, 8 + 2 * least)}, method=method, workers=1)
-    assert counts == [8, *[least] * 2]
-
-
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
     runs = lg.ensemble(system("henon-heiles"), 15.0, {"x": [0.1, 1.0, 0.2]}, t_eval=[1.0, 14.0, 15.0])
     assert [one.value for one in runs.status] == ["success", "step_too_small", "success"]
@@ -140,20 +122,6 @@ def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
         alone = system("pendulum").run(60.0, {"theta": theta}, **settings)
         assert runs.status[i] is alone.status
         assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
-
-
-@pytest.mark.slow
-def test_an_event_ends_a_member_and_constraints_are_runs_one_after_the_other() -> None:
-    ball = lg.ensemble(
-        system("thrown-ball"),
-        10.0,
-        {"y_dot": [1.0, 2.0]},
-        events=[lg.event(system("thrown-ball").coordinates[1], terminal=True)],
-    )
-    assert {one.value for one in ball.status} == {"event"} and ball.t[0] < ball.t[1] < 10.0
-    held = lg.ensemble(system("cartesian-pendulum"), 1.0, parameters={"g": [9.0, 10.0]})
-    alone = system("cartesian-pendulum").run(1.0, parameters={"g": 10.0})
-    assert "one after the other" in held.form and np.array_equal(held.y[:, 1], alone.y[:, -1])
 
 
 def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> None:
@@ -214,18 +182,6 @@ def test_what_is_kept_has_its_name_and_the_pair_that_it_was_asked_by() -> None:
             _ = runs[name]
     with pytest.raises(lg.StatementError, match="'z_end' is not a coordinate"):
         _ = runs["z_end"]
-
-
-def test_values_of_a_grid_and_of_a_sample_are_had_by_symbol_and_by_name() -> None:
-    x, m = lg.coordinate("x"), lg.parameters("m")
-    drawn = lg.sample({"speed": (9.0, 11.0), m: (1.0, 2.0)}, 20)
-    every = np.arange(20)
-    assert np.array_equal(drawn["speed"], drawn.values("speed", every))
-    assert np.array_equal(drawn["m"], drawn.values(m, every)) and np.array_equal(drawn[m], drawn["m"])
-    both = lg.grid({x: [1.0, 2.0], x.dot: [3.0, 4.0, 5.0]})
-    assert both["x"].tolist() == [1, 1, 1, 2, 2, 2] and both[x.dot].tolist() == [3, 4, 5, 3, 4, 5]
-    with pytest.raises(lg.StatementError, match="'sped' does not vary between the members; what varies is speed and m"):
-        _ = drawn["sped"]
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
@@ -289,3 +245,49 @@ def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], text: str) ->
 )
 def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
     assert text in refusal(make)
+
+
+# --- flows ----------------------------------------------------------------------------------------------------
+
+# Members one after the other of which only the last state is kept: they end as runs do, and fail as runs do.
+
+
+@cache
+def rod() -> lg.System:
+    """Return a pendulum in Cartesian coordinates."""
+    x, y = lg.coordinates("x y")
+    m, g = lg.parameters("m g")
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints=[x**2 + y**2 - 1],
+        parameters={m: 1.0, g: 9.81},
+        initial={x: 1.0, y: 0.0},
+    )
+
+
+@cache
+def pole() -> lg.System:
+    """Return motions towards a wall, which the faster ones reach."""
+    x = lg.coordinate("x")
+    return lg.System(kinetic=x.dot**2 / 2, potential=-1 / (2 - x), initial={x: 0.0, x.dot: 0.1})
+
+
+@pytest.mark.parametrize(("method", "settings"), [("taylor", {"rtol": 1e-9}), ("radau5-index2", {"rtol": 1e-6})])
+def test_members_with_constraints_end_where_runs_end(method: str, settings: dict[str, Any]) -> None:
+    angles = np.linspace(0.0, 1.5, 5)
+    runs = lg.ensemble(rod(), 1.0, {"x": np.cos(angles), "y": -np.sin(angles)}, method=method, **settings)
+    assert runs.form == "runs one after the other"
+    for i, angle in enumerate(angles):
+        alone = rod().run(1.0, {"x": np.cos(angle), "y": -np.sin(angle)}, method=method, **settings)
+        assert runs.y[:, i].tobytes() == alone.y[:, -1].tobytes(), i
+
+
+def test_members_that_do_not_get_there_say_why() -> None:
+    speeds = [0.05, 3.0, 0.1, 4.0]
+    runs = lg.ensemble(pole(), 2.0, {"x_dot": speeds}, method="radau5", rtol=1e-8)
+    for i, speed in enumerate(speeds):
+        alone = pole().run(2.0, {"x_dot": speed}, method="radau5", rtol=1e-8)
+        assert runs.status[i] is alone.status and runs.t[i] == alone.t[-1], i
+        assert runs.messages.get(i, "") == ("" if alone.status is lg.Status.SUCCESS else alone.message)
+    assert len(set(runs.status)) == 2

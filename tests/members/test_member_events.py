@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
+from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.members import job
+from lagrange.members import job, lanes
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import event_loop
 
@@ -33,13 +34,6 @@ def ball() -> lg.System:
     """A ball thrown upwards, y'' = -10."""
     y = lg.coordinate("y")
     return lg.System(kinetic=y.dot**2 / 2, potential=10 * y, initial={y: 1.0, y.dot: 3.0})
-
-
-@cache
-def oscillator() -> lg.System:
-    """x = a cos 2t."""
-    x = lg.coordinate("x")
-    return lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, initial={x: 1.0})
 
 
 @contextmanager
@@ -94,20 +88,6 @@ def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatc
     assert np.array_equal(runs.y[:, :20].T, runs.y_events[0][:20, 0])
     assert np.allclose(runs.t_events[1][:, 0], speeds / 10.0, rtol=4e-16, atol=0)
     assert np.allclose(runs.y_events[1][:, 0, 0], 1.0 + speeds**2 / 20.0, rtol=4e-15, atol=0)
-
-
-@pytest.mark.slow
-def test_more_occurrences_than_there_is_room_for_on_the_way() -> None:
-    """x = a cos 2t is zero at (k + 1/2) pi / 2; the error of the phase grows with the time."""
-    (x,) = oscillator().coordinates
-    keep = ("end", ("events", 300))
-    runs = lg.ensemble(oscillator(), 400.0, {"x": np.linspace(0.5, 1.5, 9)}, events=[x], keep=keep, rtol=1e-12)
-    expected = (np.arange(300) + 0.5) * np.pi / 2
-    inside = expected < 400.0
-    assert inside.sum() > 128
-    assert np.allclose(runs.t_events[0][:, inside], expected[inside], rtol=0, atol=1e-9)
-    assert np.isnan(runs.t_events[0][:, ~inside]).all()
-    assert np.allclose(runs.y_events[0][:, inside, 0], 0.0, atol=1e-14)
 
 
 HENON: dict[str, Any] = {
@@ -223,21 +203,6 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", FIRST)
-def test_a_limit_of_steps_holds_with_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    (x,) = oscillator().coordinates
-    given: dict[str, Any] = {"events": [x], "keep": ("end", "counts", ("events", 9)), "method": method}
-    given |= METHODS[method] | {"max_steps": 6 if method == "taylor" else 70}
-    together = lg.ensemble(oscillator(), 50.0, {"x": [0.5, 1.0]}, **given)
-    with without_lanes(monkeypatch):
-        alone = lg.ensemble(oscillator(), 50.0, {"x": [0.5, 1.0]}, workers=1, **given)
-    assert set(alone.status) == {lg.Status.MAX_STEPS}
-    controlled = method in ("dop853", "tsit5")
-    # Round-off is 1e-6 of the errors that the sizes of steps follow.
-    agree(together, alone, 1e-6 if controlled else 1e-12, method)
-
-
-@pytest.mark.slow
 def test_an_event_between_two_explicit_steps_ends_the_run_at_the_accepted_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -276,6 +241,7 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("method", ["taylor", "radau5"])
 @pytest.mark.parametrize("listed", [list, iter])
@@ -290,9 +256,59 @@ def test_last_states_alone_are_those_after_events(change: str, method: str, list
     assert alone.y[:, -1] != pytest.approx(spring.run(4.0, {x: 2.0}, method=method).y[:, -1], abs=0.1)
 
 
-def test_last_states_alone_are_those_after_events_of_constrained_members() -> None:
-    x, y = lg.coordinates("x y")
-    rod = lg.System((x.dot**2 + y.dot**2) / 2, 9.81 * y, coordinates=[x, y], constraints=[x**2 + y**2 - 1])
-    event = lg.event(x, terminal=True)
-    runs = lg.ensemble(rod, 2.0, {x: [1.0, 0.8], y: [0.0, -0.6]}, events=iter([event]))
-    assert runs.y[0] == pytest.approx(0.0, abs=1e-9)
+# --- series in loops over orders ------------------------------------------------------------------------------
+
+# Members whose series are computed in a loop over orders: they end, and find events, as a run of their own does.
+#
+# A wrong series would not conserve the energy, and a run alone would take its place: these are counted.
+
+
+def chain(links: int) -> lg.System:
+    """Return pendulums below one another: the mass matrix moves, and is full."""
+    angles = [lg.coordinate(f"theta{i}") for i in range(links)]
+    x = y = kinetic = potential = 0
+    for angle in angles:
+        x, y = x + sin(angle), y - cos(angle)
+        kinetic, potential = kinetic + lg.kinetic_energy(1, (x, y)), potential + 9.81 * y
+    return lg.System(kinetic=kinetic, potential=potential, coordinates=angles)
+
+
+def bodies() -> lg.System:
+    """Return three bodies in the plane, which attract each other: constant masses, squares and powers."""
+    places = [lg.coordinates(f"x{i} y{i}") for i in range(3)]
+    pairs = [(a, b) for i, a in enumerate(places) for b in places[:i]]
+    return lg.System(
+        kinetic=sum(lg.kinetic_energy(1, place) for place in places),
+        potential=-sum(1 / sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + 0.1) for a, b in pairs),
+        coordinates=[q for place in places for q in place],
+    )
+
+
+@pytest.fixture
+def by_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compute the smallest series in a loop over orders."""
+    monkeypatch.setattr(lanes, "MOST_WRITTEN_OUT", 0)
+
+
+MADE = {"two links": (2, 1e-9), "four links": (4, 1e-12), "thirteen links": (13, 1e-9)}
+"""Orders that are even and odd; an inverse that is written out, and one in loops."""
+
+
+@pytest.mark.usefixtures("by_order")
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (k > 0)) for k, name in enumerate([*MADE, "bodies"])]
+)
+def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Round-off grows by less than 100 in this time."""
+    links, rtol = MADE.get(name, (0, 1e-11))
+    system = chain(links) if links else bodies()
+    names = system.compile().layout.names()
+    rng = np.random.default_rng(4)
+    starts = dict(zip(names, rng.uniform(-1.5, 1.5, (len(names), 11)), strict=True))
+    given: dict[str, Any] = {"method": "taylor", "rtol": rtol, "keep": ("end", "counts")}
+    with runs_alone(monkeypatch) as left:
+        together = lg.ensemble(system, 0.5, starts, **given)
+    with without_lanes(monkeypatch):
+        alone = lg.ensemble(system, 0.5, starts, workers=1, **given)
+    assert "side by side" in together.form and "one after" in alone.form and sum(left) == 0
+    agree(together, alone, 1e-11)

@@ -68,16 +68,6 @@ def test_a_store_of_an_event_that_differs_in_its_last_digits_is_refused(tmp_path
         pendulum(events=[theta - np.nextafter(0.1, 1.0)], store=tmp_path / "runs.zarr")
 
 
-@pytest.mark.slow
-def test_a_quotient_has_a_place_in_a_store(tmp_path: Path) -> None:
-    pytest.importorskip("zarr")
-    xarray = pytest.importorskip("xarray")
-    runs = pendulum(keep=(("max", theta / 7),), store=tmp_path / "runs.zarr")
-    assert np.array_equal(runs["max(theta/7)"], pendulum(keep=(("max", theta / 7),))["max(theta/7)"])
-    with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
-        assert np.array_equal(data["max(theta÷7)"].to_numpy(), runs["max(theta/7)"])
-
-
 @pytest.mark.parametrize("name", ["status", "t_end", "member", "steps", "theta_end", "theta_start"])
 def test_a_parameter_called_as_what_is_kept_is_refused(name: str) -> None:
     with pytest.raises(lg.StatementError, match=f"^{name} is a name of the system, and the results"):
@@ -99,9 +89,3 @@ def test_a_data_set_tells_states_at_times_from_starts(starts: Any) -> None:
     found = runs.to_xarray()
     assert np.array_equal(np.unique(found["theta_start"]), [0.1, 0.2])
     assert np.array_equal(found["theta"].to_numpy().reshape(len(runs), 3), runs["theta"].T)
-
-
-def test_without_output_times_there_is_nothing_to_draw() -> None:
-    pytest.importorskip("matplotlib")
-    with pytest.raises(lg.StatementError, match="nothing to draw"):
-        pendulum(t_eval=[]).plot()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -53,20 +53,6 @@ def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
     run(store=tmp_path / "runs.zarr")
     with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
         assert np.array_equal(data["y_end"].to_numpy(), whole.y[1]) and data["y_end"].dims == ("member",)
-
-
-@pytest.mark.slow
-def test_a_store_has_the_dimensions_of_a_data_set(tmp_path: Path) -> None:
-    xarray = pytest.importorskip("xarray")
-    system = lg.scene("henon-heiles")
-    given: dict[str, Any] = {"keep": ("end", ("events", 2)), "events": [system.coordinates[0]], "t_eval": [1.0, 2.0]}
-    runs = lg.ensemble(system, 8.0, {"y": [0.1, 0.2]}, **given, store=tmp_path / "runs.zarr")
-    made = runs.to_xarray()
-    with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
-        found = {name: data[name].dims for name in made.data_vars}
-        assert np.array_equal(data["y_start"], made["y_start"])
-    assert found == {name: values.dims for name, values in made.data_vars.items()}
-    assert found["x"] == ("member", "t") and found["y_event_0"] == ("member", "occurrence", "row")
 
 
 def test_a_call_goes_on_where_another_one_stopped(
@@ -147,20 +133,6 @@ def test_a_worker_that_is_killed_is_told() -> None:
         kill(pid)
         with pytest.raises(lg.RunError, match="the executor gave up"):
             run(executor=processes)
-
-
-class Refusing:
-    """An executor whose futures fail."""
-
-    def submit(self, *args: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_exception(MemoryError("no room"))
-        return future
-
-
-def test_what_fails_in_a_worker_is_raised_here() -> None:
-    with pytest.raises(MemoryError, match="no room"):
-        run(executor=Refusing())
 
 
 def test_what_cannot_be_sent_is_refused() -> None:

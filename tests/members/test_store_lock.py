@@ -119,20 +119,3 @@ def test_a_child_of_a_killed_process_keeps_no_lock(tmp_path: Path) -> None:
     finally:
         os.killpg(holder.pid, signal.SIGKILL)
         holder.communicate()
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    "options",
-    [{"rtol": np.float32(1e-6)}, {"method": "rk4", "step": np.float32(0.1)}],
-    ids=["rtol", "step"],
-)
-def test_a_store_knows_options_that_are_numbers_of_numpy(tmp_path: Path, options: dict[str, Any]) -> None:
-    run(tmp_path / "runs.zarr", **options)
-    assert run(tmp_path / "runs.zarr", **options).form == "all members were stored"
-
-
-def test_occurrences_may_be_all_that_is_kept() -> None:
-    theta = lg.scene("pendulum").coordinates[0]
-    runs = lg.ensemble(lg.scene("pendulum"), 3.0, {"theta": [0.1]}, events=[theta], keep=("events", 2))
-    assert runs.t_events[0].shape == (1, 2) and np.isfinite(runs.t_events[0][0, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.members.work import processors, threads_of
 
 STARTS = {"x": np.linspace(-0.3, 0.3, 13)}
 
@@ -57,3 +60,18 @@ def test_a_machine_without_a_compiler_runs_ensembles_by_numpy() -> None:
     model = lg.scene("pendulum").compile(target="numpy")
     runs = lg.ensemble(model, 1.0, {"theta": [0.1, 0.2]}, method="rk4", step=0.1)
     assert runs.form == "runs one after the other by numpy"
+
+
+# --- threads --------------------------------------------------------------------------------------------------
+
+# The number of threads of an ensemble.
+
+
+def test_ensembles_run_on_the_processors_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8}, raising=False)
+    assert threads_of(None) == processors() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 7)
+    assert threads_of(None) == 7
+    with pytest.raises(StatementError, match="workers = 2000: give a whole number from 1 to 1024"):
+        lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [1.0, 2.0]}, workers=2000)

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ import lagrange as lg
 import lagrange.procedure
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.series.by_order import ByOrderJet
-from lagrange.algorithm.series.image import Image
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
@@ -36,10 +34,8 @@ from lagrange.machine.python_source import loaded, source
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
-    CONSTANT,
     REAL,
     WHOLE,
-    Array,
     Each,
     Fold,
     Leave,
@@ -57,7 +53,8 @@ from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
 from lagrange.system import System
 from tests.covering import examples
-from tests.laws.test_random_systems import kinetic_energies, potentials
+from tests.laws.mechanisms import potentials
+from tests.laws.test_random_systems import kinetic_energies
 from tests.models import stated, x, y
 from tests.series_systems import HELD, LARGER
 
@@ -261,28 +258,6 @@ def folding(op: str, factor: int | None) -> Procedure:
     return Procedure("folding", "One number of many.", (Parameter(0, "x", REAL),), (REAL,), body, {})
 
 
-def test_a_parameter_does_not_hide_a_procedure_of_its_name() -> None:
-    p = Builder("twice", "The greatest common divisor, twice.")
-    p.leave(2 * p.call(gcd(), p.given("gcd", WHOLE), 24))
-    assert loaded(p.finish(WHOLE))(54) == 12
-
-
-def test_a_constant_of_a_block_is_made_once() -> None:
-    p = Builder("constants", "The same number in blocks inside and beside each other.")
-    x = p.given("x", REAL)
-    with p.when(x < 2.0) as ways:
-        total = p.variable(x + 2.0 + 3.0)
-        with p.when(x < 3.0):
-            total.value = total.value * 3.0
-        p.leave(total.value)
-    with ways.otherwise():
-        p.leave(x - 3.0)
-    made = p.finish(REAL)
-    assert run(made, 1.0) == (18.0,) and run(made, 2.5) == (-0.5,)
-    assert str(made.body).count("data=3.0") == 2 and str(made.body).count("data=2.0") == 1
-    assert p.constant(0.0, REAL).ref != p.constant(-0.0, REAL).ref
-
-
 def test_the_check_does_not_trust_the_builder() -> None:
     good = gcd()
     foreign = Let(99, REAL, "add", (0, 1))
@@ -308,16 +283,6 @@ def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
         assert all(math.isnan(value) for value in call(3, [math.inf, math.nan, -2.0]))
 
 
-def test_a_record_is_memory_that_python_and_machine_code_share() -> None:
-    p = Builder("tick", "Take a step in time.")
-    h, clock = p.given("h", REAL), p.record("clock", CLOCK)
-    clock.t = clock.t + h
-    clock.steps = clock.steps + 1
-    tick, held = p.finish(), CLOCK.structure(1.0, 4)
-    run(tick, 0.25, held)
-    assert (held.t, held.steps) == (1.25, 5)
-
-
 @pytest.mark.parametrize(
     ("a", "b", "c", "expected"),
     [
@@ -331,22 +296,6 @@ def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected:
     found = fused(a, b, c)
     assert found == expected
     assert math.copysign(1.0, found) == math.copysign(1.0, expected)
-
-
-def test_an_outcome_is_a_whole_like_any_other() -> None:
-    p = Builder("told", "Copy numbers unless there are too few, and return an outcome.")
-    source_, target, count = p.array("source", read=True), p.given("target", Array()), p.given("count", WHOLE)
-    p.leave_if(count < int(Outcome.PAUSED), Outcome.PAUSED)
-    p.copy(source_, target, count)
-    p.leave(Outcome.DONE)
-    procedure = p.finish(WHOLE)
-    data = [one.data for one in procedure.body if isinstance(one, Let) and one.op == CONSTANT]
-    assert [(type(one), one) for one in data] == [(int, 1), (int, 0)]
-    there = [0.0, 0.0]
-    assert run(procedure, [1.0, 2.0], there, 0) == (1,)
-    assert there == [0.0, 0.0]
-    assert run(procedure, [1.0, 2.0], there, 2) == (0,)
-    assert there == [1.0, 2.0]
 
 
 # --- shared ---------------------------------------------------------------------------------------------------
@@ -390,8 +339,6 @@ def test_every_procedure_that_is_remembered_is_shared() -> None:
 
 FORMS = ("written out", "looped", "by order")
 HIGHEST = 9
-PAIRS = 15
-"""Of six bodies."""
 
 FITTED = 3
 """How often the scale of time may be fitted to the first step, which counts as an iteration."""
@@ -446,6 +393,7 @@ def assert_same_rows(statement: Statement, program: SeriesProgram, form: str, or
     assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_series_are_those_of_the_machines(name: str, form: str) -> None:
@@ -509,13 +457,6 @@ def test_runs_are_those_of_our_driver(scene: str, rtol: float) -> None:
     assert taken(scene, rtol, t_end, ours.steps - 1)[0] is Outcome.PAUSED
 
 
-def test_runs_go_back_and_stay() -> None:
-    forth = taken("kepler", 1e-12, 0.0, 10)
-    assert forth[:2] == (Outcome.DONE, 0.0)
-    ours = followed(lg.scene("kepler"), -2.0, 1e-12)
-    assert taken("kepler", 1e-12, -2.0, 1000)[2] == pytest.approx(ours.y[:, -1], rel=1e-11)
-
-
 @pytest.mark.parametrize("scene", ["double-pendulum", "pleiades", "kepler"])
 def test_orders_are_chosen_as_our_driver_chooses_them(scene: str) -> None:
     made = TaylorProcedures(lg.scene(scene).compile().series()[0].program, 100)
@@ -524,45 +465,7 @@ def test_orders_are_chosen_as_our_driver_chooses_them(scene: str) -> None:
         assert held[-1] == made.order(float(rtol)) <= made.highest
 
 
-def bodies(count: int) -> System:
-    """Return bodies of mass 1 in space, which attract each other."""
-    places = [lg.coordinates(f"x{i} y{i} z{i}") for i in range(count)]
-    squares = [sum((p - q) ** 2 for p, q in zip(a, b, strict=True)) for a, b in combinations(places, 2)]
-    return System(
-        kinetic=sum(lg.kinetic_energy(1, place) for place in places),
-        potential=-sum(1 / sp.sqrt(square) for square in squares),
-        coordinates=[q for place in places for q in place],
-    )
-
-
-def test_what_is_read_together_stands_together() -> None:
-    """Of six bodies only the forces on each, and the differences of places, are brought together one by one."""
-    program = bodies(6).compile().series()[0].program
-    packing = pack(program, 8, aligned=True)
-    image = Image(packing, 0)
-    wide = [operand for chunk in packing.computed if chunk.op != "linear" for operand in chunk.args]
-    assert len(wide) == 4
-    assert all(count >= PAIRS for operand in wide for _, _, count in image.runs(operand))
-    values = sorted({value for chunk in packing.computed for value in chunk.values})
-    assert values == sorted({value for chunk in pack(program, 8).computed for value in chunk.values})
-
-
 def test_surfaces_are_refused_by_name() -> None:
     system = System(kinetic=x.dot**2 / 2, potential=sp.Abs(x), initial={x: 1.0})
     with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
         TaylorProcedures(system.compile().series()[0].program, 0)
-
-
-def test_constraints_ask_for_a_projection() -> None:
-    program = lg.scene("cartesian-double-pendulum").compile().series()[0].program
-    with pytest.raises(LagrangeError, match="a projection belongs to constraints"):
-        TaylorProcedures(program, 0)
-
-
-def test_a_singular_constant_matrix_is_said() -> None:
-    m = lg.parameters("m")
-    system = System(kinetic=m * x.dot**2 / 2 + m * x.dot * y.dot + m * y.dot**2 / 2 + y.dot**2 * m, potential=x * y)
-    program = system.compile().series()[0].program
-    numbers = SeriesNumbers(program, 1)
-    for mass, singular in ((1.0, False), (0.0, True)):
-        assert loaded(numbers.prepare())(view([mass, *([0.0] * (numbers.size + 1))])) is singular

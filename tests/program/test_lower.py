@@ -107,24 +107,12 @@ def test_parameters_alone_are_worked_out_once(b: Bench) -> None:
     assert b.run(node)[0] == pytest.approx(np.sin(0.4) * 1.7**2 * 0.31 + 1.7 * 0.4 * -0.83 - np.sqrt(2.1), rel=1e-14)
 
 
-def test_time_is_not_hoisted(b: Bench) -> None:
-    node = b.graph.call("cos", b.k * b.t)
-    assert b.every_time(node) == Counter(time=1, mul=1, cos=1)
-    assert b.run(node)[0] == np.cos(0.4 * 0.7)
-
-
 def test_a_linear_combination_is_a_chain_of_multiply_adds(b: Bench) -> None:
     node = b.graph.sum([(3, b.x), (5, b.y * b.u), (-1, b.u)], 7)
     ops = b.every_time(node)
     assert sum(ops[op] for op in ("mul", "fma", "add", "sub")) <= 5
     assert ops["fma"] >= 1
     assert b.run(node)[0] == pytest.approx(7 + 3 * 0.31 + 5 * -0.83 * 1.21 - 1.21, rel=1e-14)
-
-
-def test_a_quotient_divides_once(b: Bench) -> None:
-    node = b.x * b.u / (b.y * (1 + b.x**2))
-    assert b.every_time(node)["div"] == 1
-    assert b.run(node)[0] == pytest.approx(0.31 * 1.21 / (-0.83 * (1 + 0.31**2)), rel=1e-14)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -151,11 +139,6 @@ HALVES = (*(Fraction(k, 2) for k in (-7, -5, -3, -1, 1, 3, 5, 7, 63, 65)), Fract
 def test_powers(b: Bench, exponent: int | Fraction, base: float) -> None:
     (found,) = b.run(b.graph.power(b.x, exponent), at=(base, 0, 0))
     assert found == pytest.approx(base ** float(exponent), rel=2e-14)
-
-
-@pytest.mark.parametrize("exponent", [-3, -2, 2, 3, 7, 64])
-def test_whole_powers_of_negative_numbers(b: Bench, exponent: int) -> None:
-    assert b.run(b.graph.power(b.x, exponent), at=(-1.3, 0, 0))[0] == pytest.approx((-1.3) ** exponent, rel=1e-14)
 
 
 def test_powers_are_multiplications_and_roots_where_they_can_be(b: Bench) -> None:
@@ -196,28 +179,6 @@ def test_constants_that_no_double_holds_are_refused(b: Bench) -> None:
         b.program(b.x * b.graph.constant(Fraction(1, 8)) * b.graph.constant(10) ** -400)
     smallest, largest = Fraction(5e-324), Fraction(sys.float_info.max)
     assert list(b.run(b.graph.constant(smallest), b.graph.constant(largest))) == [5e-324, sys.float_info.max]
-
-
-def test_a_shape_must_be_filled(b: Bench) -> None:
-    with pytest.raises(LagrangeError, match=r"1 outputs do not fill the shape \(2,\)"):
-        lower("bench", {"out": [b.x]}, {"y": [b.x]}, b.t, [], shape=(2,))
-
-
-def test_outputs_may_repeat_and_be_leaves_or_constants(b: Bench) -> None:
-    outputs = (b.x, b.x, b.graph.constant(3), b.m, b.t, b.graph.zero, b.x * b.y, b.x * b.y + 1)
-    assert b.run(*outputs) == pytest.approx([0.31, 0.31, 3, 1.7, 0.7, 0, -0.2573, 0.7427], rel=1e-14)
-
-
-def test_constants_of_nature_are_the_nearest_doubles(b: Bench) -> None:
-    assert list(b.run(b.graph.call("pi"), b.graph.call("e"))) == [np.pi, np.e]
-
-
-def test_the_same_graph_lowers_to_the_same_program() -> None:
-    def build() -> Program:
-        bench = Bench()
-        return bench.program(bench.x * bench.m + bench.graph.call("sin", bench.y) / bench.u, bench.u**3)
-
-    assert build() == build()
 
 
 def test_a_long_product_is_lowered_without_depth() -> None:
@@ -321,10 +282,6 @@ def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
         "  %9 = component 1 %8",
         "return %9 %6 %9",
     ]
-
-
-def test_an_indefinite_matrix_says_which_pivots_are_below_zero() -> None:
-    assert str(I("factor", (3, 1, 4), order=2, negative=(1,))) == "factor 2 -1 %3 %1 %4"
 
 
 def test_what_is_saved_is_what_the_rest_reads() -> None:
@@ -431,37 +388,7 @@ def test_what_does_not_cancel_stays(first: int, second: str) -> None:
     assert differs == ((first > 0) != (second == "add"))
 
 
-def test_signs_go_where_they_cost_nothing() -> None:
-    """-(u - v) is v - u, -p u has -p computed once, and a sum of two negatives is the negative of a sum."""
-    given = program(
-        Instruction("sub", (U, V)),  # 5
-        Instruction("neg", (5,)),
-        Instruction("mul", (P, U)),
-        Instruction("neg", (7,)),
-        Instruction("constant", value=-0.5),
-        Instruction("mul", (9, W)),  # 10
-        Instruction("neg", (X,)),
-        Instruction("add", (10, 11)),
-        Instruction("neg", (12,)),
-        Instruction("abs", (11,)),
-        outputs=(6, 8, 13, 14),
-    )
-    found = simplified(given)
-    assert operations(found) == 5 and (results(found) == results(given)).all()
-    assert "neg" not in [one.op for one in found.instructions[found.hoisted :]]
-
-
-def test_a_sum_that_vanishes_is_zero() -> None:
-    given = program(
-        Instruction("sub", (U, V)),
-        Instruction("add", (5, V)),
-        Instruction("sub", (6, U)),
-        Instruction("mul", (7, X)),
-        outputs=(8,),
-    )
-    assert results(simplified(given)) == pytest.approx(0.0, abs=1e-15)
-
-
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(40))
 def test_random_programs_compute_the_same(seed: int) -> None:
     """Of operations on earlier results, most of them sums and products of inputs that recur."""

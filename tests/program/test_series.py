@@ -20,7 +20,6 @@ from lagrange.equations.solve_plan import SolvePlan
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
-from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.program.catalogue import program_of
@@ -146,15 +145,6 @@ def test_every_rule_is_spelled_and_used() -> None:
     assert {rule.op for program in programs for rule in program.rules} | {"div"} == set(RULES)
 
 
-def test_a_quotient() -> None:
-    """y / x is one sum over lower orders, not the two of a reciprocal and a product."""
-    statement = forced(4 * y / x)
-    program, _ = series_program(euler_lagrange(statement))
-    assert [rule.op for rule in program.rules].count("div") == 1
-    assert not {"inverse", "mul"}.intersection(rule.op for rule in program.rules)
-    assert right_orders(statement, coefficients(program, statement, ORDER)) == EXACTLY
-
-
 # --- systems, in every form -----------------------------------------------------------------------------------
 
 
@@ -178,7 +168,7 @@ CASES: dict[str, Callable[[], Statement]] = {
 }
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", CASES)
 def test_every_form_gives_the_motion(name: str) -> None:
     """Momentum form, expanded and by parts, rates whole and apart: one is taken, all must be right."""
@@ -192,6 +182,7 @@ def test_every_form_gives_the_motion(name: str) -> None:
         assert max(abs((other - found[0]).ravel())) < 1e-130 * max(abs(found[0].ravel()))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["double pendulum", "relative angles", "growing", "rotating", "cart and pole"])
 def test_the_form_that_is_taken_costs_least(name: str) -> None:
     equations = euler_lagrange(CASES[name]())
@@ -283,14 +274,6 @@ def test_a_malformed_program_is_refused(change: Callable[[], dict[str, Any]], me
         replace(program, **change())
 
 
-def test_what_follows_from_itself_is_sound() -> None:
-    """The second argument of `along` and that of `integral` may stand later: they are read at lower orders only."""
-    rules = sound().rules
-    later = [(i, rule) for i, rule in enumerate(rules) if rule.op == "integral" and rule.args[0] > i]
-    assert len(later) == 2
-    replace(sound(), **edited(later[0][0], SeriesRule("along", (0, later[1][0]), (0,))))
-
-
 def test_a_program_prints_what_is_done_when() -> None:
     assert str(sound()).splitlines() == [
         "sound: 2 coordinates, mass matrix of blocks [1, 1]",
@@ -312,12 +295,6 @@ def test_a_program_prints_what_is_done_when() -> None:
     ]
     trial = str(series_program(euler_lagrange(textbook()))[0]).split("trial:")[1].split("after:")[0]
     assert " = mul " in trial and " = linear c" in trial
-
-
-def test_a_singular_mass_matrix_is_told() -> None:
-    statement = SYSTEMS["spherical pendulum"]()
-    with pytest.raises(SingularMassMatrix):
-        series(statement, 4, start=[0.0, 0.0, 0.5, 0.5])
 
 
 # --- forms ----------------------------------------------------------------------------------------------------
@@ -375,7 +352,7 @@ def step(name: str, time: Any, y: Any, h: Any) -> Any:
     return summed(coefficients(*program(name), HIGH, time, list(y)), h, HIGH)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_error_of_a_step_is_of_the_claimed_order(name: str) -> None:
     """Against two steps of half the length, each from its own series: c[p+1] h^(p+1) (1 + O(h)), O(h) some 0.01."""

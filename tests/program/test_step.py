@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import lagrange as lg
-from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.to_sympy import to_sympy
@@ -25,15 +24,12 @@ from lagrange.machine.model import Model
 from lagrange.program.lower import lower
 from lagrange.program.step import Control, StepProgram, TracedVector, trace
 from lagrange.program.switching import SWITCHES, Switched, switch
-from lagrange.program.taylor import series_program
 from lagrange.trajectory.methods.explicit import runge_kutta_step
-from lagrange.trajectory.methods.implicit import backward_euler, bdf2
+from lagrange.trajectory.methods.implicit import backward_euler
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
-from lagrange.trajectory.methods.variational import variational_midpoint
 from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4, dopri5
 from lagrange.trajectory.tableaux.dop853 import dop853
-from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state, mechanism
-from tests.models import k, laws, m, stated, x, y
+from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state
 
 STEPS = {
     **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, dopri5(), dop853())},
@@ -78,21 +74,6 @@ def test_which_steps_know_their_first_slope() -> None:
     last = {name for name, step in STEPS.items() if step.ends_with_slope}
     assert first == set(STEPS)
     assert last == {"dopri5", "dop853", "velocity-verlet"}
-
-
-def test_the_number_of_calls_is_that_of_the_method() -> None:
-    calls = {name: len(step.calls) for name, step in STEPS.items()}
-    assert calls == {
-        "euler": 1, "midpoint": 2, "rk4": 4, "dopri5": 7, "dop853": 13, "symplectic-euler": 1, "velocity-verlet": 2,
-    }  # fmt: skip
-
-
-def test_a_step_prints() -> None:
-    text = str(STEPS["midpoint"])
-    assert text.startswith("midpoint: y, t, h\n")
-    assert text.count("= f(") == 2 and "new = " in text
-    assert str(STEPS["velocity-verlet"]).startswith("velocity-verlet: q, v, t, h")
-    assert "error = " in str(STEPS["dopri5"])
 
 
 coefficients = st.lists(st.integers(-5, 5), min_size=2, max_size=2)
@@ -184,18 +165,6 @@ def test_unknowns_may_be_several_and_solves_too() -> None:
     assert second.first > first.calls[-1].first
 
 
-def test_a_law_of_momenta_gives_two_vectors() -> None:
-    step = trace("mine", variational_midpoint, law="momentum", implicit=True)
-    assert step.partitioned and step.states == 2 and len(step.results) == 2
-    assert [len(call.arguments) for call in step.solves[0].calls] == [2, 2]
-
-
-def test_a_starter_gives_the_state_one_step_back() -> None:
-    step = trace("mine", bdf2, implicit=True, starter=implicit(backward_euler))
-    assert step.solves[0].first > 1 and {0, 1} <= {i for i, _ in step.results[0]}
-    assert "y before" in str(step)
-
-
 def test_damping_and_prediction_are_recorded() -> None:
     def step(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
         z = solve(lambda z: f(t + h, y + z) * h - z, y * 0, lambda ratio, z: z * ratio)
@@ -279,6 +248,7 @@ def displaced(seed: int, size: float) -> FloatArray:
     return y + size * np.random.default_rng(seed).normal(size=len(y))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_is_left_is_the_square_of_the_violation(seed: int, target: str) -> None:
@@ -316,14 +286,6 @@ def test_the_corrections_are_normal_to_the_constraints_in_the_metric_of_the_mass
         assert np.abs(admissible @ mass @ part).max() < 2e-14 * np.abs(mass).max() * np.abs(part).max()
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("seed", SEEDS)
-def test_both_machines_compute_the_same_corrections(seed: int) -> None:
-    y = displaced(seed, 1e-3)
-    found = [compiled(seed, target).law("projection")(TIME, y, np.empty(0)) for target in ("llvm", "numpy")]
-    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-13)
-
-
 def test_a_constraint_on_velocities_moves_no_coordinate() -> None:
     sleigh = lg.scene("chaplygin-sleigh").compile()
     y = np.array(sleigh.statement.initial, dtype=float) + 0.1 * np.arange(sleigh.dimension * 2)
@@ -340,29 +302,6 @@ def test_a_constraint_on_velocities_moves_no_coordinate() -> None:
 def test_the_violation_is_that_of_the_constraints_relative_to_the_sizes_of_their_terms(seed: int) -> None:
     model, y = compiled(seed), displaced(seed, 1e-2)
     assert corrections(model, y)[1] == pytest.approx(violations(model, y).max(), rel=1e-12)
-
-
-def test_neither_violation_nor_corrections_depend_on_the_scale_of_a_constraint() -> None:
-    stated = mechanism(4).statement
-    given = {one.name: 1000 * one.expression for one in stated.constraints}
-    scaled = lg.System(
-        kinetic=stated.kinetic,
-        potential=stated.potential,
-        coordinates=stated.coordinates,
-        constraints=given,
-        initial=dict(zip((*stated.coordinates, *stated.velocities), stated.initial, strict=True)),
-    )
-    y = displaced(4, 1e-3)
-    for one, other in zip(corrections(scaled.compile(), y), corrections(compiled(4), y), strict=True):
-        assert one == pytest.approx(other, rel=1e-9, abs=1e-12)
-
-
-def test_a_state_at_which_all_terms_vanish_violates_nothing() -> None:
-    x, y = lg.coordinates("x y")
-    model = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, constraints={"along": x - 2 * y}, initial={}).compile()
-    move, violation, left = corrections(model, np.zeros(4))
-    assert not move.any()
-    assert violation == left == 0.0
 
 
 # --- switching ------------------------------------------------------------------------------------------------
@@ -479,30 +418,3 @@ def test_a_whole_turn_within_a_period_needs_no_surface() -> None:
     assert len(switch(p.graph, [p.call("sin", 3 * angle) * angle]).surfaces) == 1
     inner = p.call("atan2", p.call("atan2", p.y, p.x), p.x)
     assert len(switch(p.graph, [p.call("cos", inner)]).surfaces) == 1
-
-
-def test_what_depends_on_parameters_alone_stays() -> None:
-    p = Place()
-    node = p.call("abs", p.c) * p.x + p.graph.piecewise([(p.call("less", p.c, 0), p.v)], p.w)
-    assert p.check(node, 0).outputs == (node,)
-
-
-def test_the_right_side_of_a_surface_is_zero_on_it() -> None:
-    p = Place()
-    found = switch(p.graph, [p.call("abs", p.x), p.call("sign", p.x), p.call("min", p.x, 0)])
-    assert p.values(list(found.outputs), [0.0, 0, 0, 0, 0, 1], list(found.sides), [0.0]) == [0.0, 0.0, 0.0]
-
-
-def test_the_surfaces_of_a_system_are_found_once() -> None:
-    """Forces, momenta and masses share the sides: friction, a wall, a cubic spring, and a pulse with two ends."""
-    program, switched = series_program(laws("friction"))
-    shown = sorted(str(laws("friction").express(surface)) for surface in switched.surfaces)
-    assert shown == ["1 - t", "1 - y(t)", "Derivative(x(t), t)", "t - 2", "y(t)"] and program.sides == 5
-
-
-@pytest.mark.parametrize("inertia", [1 + sp.Abs(x), sp.Piecewise((2, x < 0), (1, True))])
-def test_a_mass_matrix_that_switches(inertia: Any) -> None:
-    statement = stated(kinetic=m * inertia * x.dot**2 / 2 + y.dot**2 / 2, potential=k * x * y, coordinates=[x, y])
-    program, switched = series_program(euler_lagrange(statement))
-    assert program.sides == 1 and len(switched.surfaces) == 1
-    assert program.stages[0].plan.moving != isinstance(inertia, sp.Piecewise)

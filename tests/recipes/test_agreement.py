@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import t
 from tests.covering import examples
-from tests.laws.test_random_systems import kinetic_energies, potentials, states, x, y
+from tests.laws.mechanisms import potentials
+from tests.laws.test_random_systems import kinetic_energies, states, x, y
 from tests.models import build
 from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity
 from tests.recipes.agreement import states as states_of
