@@ -61,21 +61,18 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
     )
 
 
-def plane_of(statement: Statement, given: Any, what: str, count: int) -> Plane:
-    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first is horizontal.
-
-    `count` is the default number of values, and `what` names the argument in errors.
-    """
+def plane_of(statement: Statement, given: Any, label: str, default_count: int) -> Plane:
+    """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}."""
     if not isinstance(given, Mapping):
-        raise StatementError(f"{what} is {shown(given)}: give {_example(statement)}.")
+        raise StatementError(f"{label} is {shown(given)}: give {_example(statement)}.")
     if len(given) != 2:
         raise StatementError(
-            f"{what} has {len(given)} entr{'y' if len(given) == 1 else 'ies'}, and a picture has two axes: give "
+            f"{label} has {len(given)} entr{'y' if len(given) == 1 else 'ies'}, and a picture has two axes: give "
             f"{_example(statement)}."
         )
-    first, second = (axis_of(statement, key, span, what, count) for key, span in given.items())
+    first, second = (axis_of(statement, key, span, label, default_count) for key, span in given.items())
     if first.row == second.row:
-        raise StatementError(f"{what} names {first.name} twice: give two entries of the state.")
+        raise StatementError(f"{label} names {first.name} twice: give two entries of the state.")
     return first, second
 
 
@@ -90,21 +87,18 @@ def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) ->
     return Axis(name, row, low, high, several)
 
 
-def range_of(span: Any, what: str, count: int) -> tuple[float, float, int]:
-    """Return (low, high, count) from a pair or a triple `span`; `count` is the default.
-
-    Raises StatementError for an empty range; the message calls the argument `what`.
-    """
+def range_of(span: Any, label: str, default_count: int) -> tuple[float, float, int]:
+    """Return (low, high, count) from a pair or triple. Raises StatementError for an empty range."""
     size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
     if size not in (2, 3):
-        raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
-    numbers = real_array(list(span), what)
+        raise StatementError(f"{label} is {shown(span)}: give (low, high), or (low, high, count).")
+    numbers = real_array(list(span), label)
     if numbers.ndim != 1:
-        raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
+        raise StatementError(f"{label} is {shown(span)}: give (low, high), or (low, high, count).")
     low, high = float(numbers[0]), float(numbers[1])
     if not (np.isfinite([low, high]).all() and low < high):
-        raise StatementError(f"{what} is empty: {low:g} to {high:g}. Give (low, high) with low < high.")
-    several = count if size == 2 else whole_number(span[2], f"the number of values in {what}", 2, MOST_VALUES)
+        raise StatementError(f"{label} is empty: {low:g} to {high:g}. Give (low, high) with low < high.")
+    several = default_count if size == 2 else whole_number(span[2], f"the number of values in {label}", 2, MOST_VALUES)
     return low, high, several
 
 
@@ -142,21 +136,15 @@ def is_angle(statement: Statement, row: int) -> bool:
 
 
 def wrapped(values: FloatArray, low: float) -> FloatArray:
-    """Return angles shifted by multiples of 2 pi to between `low` and `low` + 2 pi.
-
-    Values that are not finite become NaN.
-    """
+    """Return angles shifted to between `low` and `low` + 2 pi. Values that are not finite become NaN."""
     with np.errstate(invalid="ignore"):
         return np.asarray(low + (values - low) % TURN)
 
 
-def difference(a: FloatArray, b: FloatArray, periodic: tuple[bool, ...]) -> FloatArray:
-    """Return the difference a - b of states (..., 2n); for angles it is at most half a turn.
-
-    `periodic` has True for each coordinate that is an angle.
-    """
+def difference(a: FloatArray, b: FloatArray, is_angle: tuple[bool, ...]) -> FloatArray:
+    """Return a - b of states (..., 2n); for the coordinates that are angles it is at most half a turn."""
     result = a - b
-    for i, whole in enumerate(periodic):
+    for i, whole in enumerate(is_angle):
         if whole:
             result[..., i] -= TURN * (result[..., i] / TURN).round()
     return result

@@ -79,26 +79,20 @@ class Crosser:
     def _first_leg(self) -> float:
         return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
 
-    def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
-        """Return the status and the message of an orbit whose last run is `run`.
-
-        `left` is the number of missing crossings, and `since` the time of the last one.
-        """
-        if left == 0:
+    def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
+        """Return the status and the message of an orbit after its last run."""
+        if missing_count == 0:
             return Status.EVENT, "all crossings are there."
         if run.status.complete:
             return Status.SUCCESS, (
-                f"passed the section {counted(self.count - left, 'time')}, and not again between t = {since:.6g} and "
-                f"{run.span[1]:.6g}; longest=... waits for more than {self.wait:.3g}."
+                f"passed the section {counted(self.count - missing_count, 'time')}, and not again between "
+                f"t = {last_crossing:.6g} and {run.span[1]:.6g}; longest=... waits for more than {self.wait:.3g}."
             )
         return run.status, run.message
 
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
-    """Return the crossings of orbits that start from states (m, 2n), one record for each orbit.
-
-    After Ctrl-C the last record is INTERRUPTED. `progress` is called with the number of finished orbits.
-    """
+    """Return the crossings of orbits that start from states (m, 2n). After Ctrl-C the last is INTERRUPTED."""
     finished: list[Crossings] = []
     try:
         for start in states:

@@ -72,10 +72,7 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the equilibrium at `state` (2n,) of a system with one coordinate, with its kind and eigenvalues.
-
-    Its kind is "degenerate" if the derivative of the acceleration by the coordinate is at most `flat` in size.
-    """
+    """Return the equilibrium at `state` (2n,); it is degenerate if the acceleration's slope is at most `flat`."""
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all():
         nothing = np.full(2, np.nan)
@@ -109,10 +106,7 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
-    """Return the coordinates where the acceleration changes its sign, to neighbouring doubles, by bisection.
-
-    `a` (k,) are the accelerations at the increasing coordinates x (k,).
-    """
+    """Return where the acceleration a (k,) at the coordinates x (k,) changes its sign, to rounding, by bisection."""
     exact = x[a == 0.0].tolist()
     at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0

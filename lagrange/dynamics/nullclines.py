@@ -39,10 +39,7 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the vertices of a contour, bisected on the edges of the grid, and a flag each: False for a pole.
-
-    Vertices are (k, 2), flags (k,). `line` (k, 2) is the contour on the grid x, y.
-    """
+    """Return the vertices (k, 2) of a contour, bisected on the edges of the grid x, y, and False for each pole."""
     grid_positions = (line - [x[0], y[0]]) / [x[1] - x[0], y[1] - y[0]]
     nearest = grid_positions.round()
     off = np.abs(grid_positions - nearest)

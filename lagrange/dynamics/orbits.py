@@ -245,10 +245,7 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, places: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches through the saddle `places[number]`: two along each eigenvector.
-
-    The list is empty if the equilibrium is not a saddle or is outside of the window.
-    """
+    """Return the four branches of the saddle `places[number]`; none if it is no saddle, or out of the window."""
     saddle = places[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []

@@ -133,10 +133,7 @@ class _Portrait:
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the nullclines of the two entries on the axes, by name.
-
-        The grid extends half a cell beyond the window, so that nullclines on its border are found.
-        """
+        """Return the nullclines by name, on a grid half a cell beyond the window, to find those on its border."""
         x, y = (_beyond(axis) for axis in self.plane)
         first, second = self.plane
         return {
@@ -284,10 +281,7 @@ def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and columns of the cells of states (k, 2n), from 1 on.
-
-    States outside of the window belong to a border one cell wide.
-    """
+    """Return rows and columns, from 1 on, of the cells of states (k, 2n). Those outside are in a border of one cell."""
     indices = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
@@ -299,19 +293,16 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _ended(
-    work: _Portrait, orbits: Sequence[Orbit], wanted: int, note: str, *, interrupted: bool
+    work: _Portrait, orbits: Sequence[Orbit], begun_count: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and a message on orbits that ended early; `note` is appended to the message.
-
-    `wanted` is the number of orbits that were begun.
-    """
+    """Return the status of a portrait, and a message on orbits that ended early, with `note` at its end."""
     statement = work.runs.model.statement
     interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
     words = [f"interrupted after {counted(len(orbits), 'orbit')}, which are kept."] if interrupted else []
     stopped = [orbit for orbit in orbits if orbit.status not in (Status.SUCCESS, Status.EVENT)]
     if stopped and not interrupted:
-        words.append(f"{len(stopped)} of {counted(wanted, 'orbit')} did not get to the end: {stopped[0].message}")
+        words.append(f"{len(stopped)} of {counted(begun_count, 'orbit')} did not get to the end: {stopped[0].message}")
     if note:
         words.append(note)
     if work.driven:
@@ -327,10 +318,7 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the values in `at` of the entries that are not on the axes, by row of the state.
-
-    Raises StatementError unless exactly two other entries are left for the axes.
-    """
+    """Return the values in `at` by row of the state. Raises StatementError unless two entries are left."""
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")

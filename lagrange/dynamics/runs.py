@@ -55,10 +55,7 @@ class Runs:
 
 
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
-    """Return starts as states (m, 2n), from a dict, a list of dicts, or an array (m, 2n) or (2n,).
-
-    A dict overlays `base` (2n,). Raises StatementError with the number of the start.
-    """
+    """Return starts (m, 2n) from an array, a dict over `base` (2n,), or a list. Raises StatementError by number."""
     size = model.layout.size
     if given is None:
         return base[None, :].copy()
@@ -148,10 +145,7 @@ def _parts(statement: Statement) -> list[Any]:
 
 @lru_cache(maxsize=64)
 def _rates(statement: Statement) -> tuple[Any, ...]:
-    """Return the angular frequencies of all sines and cosines of time in a statement, as expressions.
-
-    Raises StatementError if there are none, or if time also occurs elsewhere.
-    """
+    """Return the angular frequencies of all sines and cosines of time. Raises StatementError if time is elsewhere."""
     parts = _parts(statement)
     waves = sorted(
         {
@@ -172,10 +166,7 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
 
 
 def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
-    """Return the period of the driving at values of the parameters, from the sines and cosines of time.
-
-    Raises StatementError where time also occurs elsewhere, or frequencies have no common period.
-    """
+    """Return the period of the driving. Raises StatementError if frequencies have no common period."""
     constants = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
     rates = sorted(
         {rate for rate in (abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)) if rate > 0}

@@ -40,10 +40,7 @@ ENERGY_ERROR = 1e-10
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return the discriminant b^2 - 4 a (c - energy) at states (2n, k), (k,): positive where `energy` can be reached.
-
-    The energy is a v^2 + b v + c as a function of the velocity v in row `row` of the state.
-    """
+    """Return b^2 - 4 a (c - energy) at states (2n, k), positive where the velocity in `row` can reach the energy."""
     a, b, c = _quadratic(model, parameters, states, row)
     return np.asarray(b * b - 4 * a * (c - energy))
 
@@ -51,10 +48,7 @@ def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, e
 def _quadratic(
     model: Model, parameters: FloatArray, states: FloatArray, row: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a, b and c at states (2n, k), (k,) each; NaN where the energy has no value.
-
-    The energy is a v^2 + b v + c as a function of the velocity v in row `row` of the state.
-    """
+    """Return a, b, c of the energy a v^2 + b v + c in the velocity in `row`, at states (2n, k); NaN without a value."""
     middle = _energy(model, parameters, states, row, 0.0)
     a = b = np.full_like(middle, np.nan)
     for probe in PROBES:
@@ -186,10 +180,7 @@ class SectionData:
 
 
 def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return the event of a section, or a sampling period: `given` is a number or an expression in parameters.
-
-    Any other expression, or a function, becomes the event of its zeros.
-    """
+    """Return an event, or the sampling period if `given` is a number or an expression in parameters."""
     if isinstance(given, Event):
         return declare_events([given], model.statement, constant="a section")[0]
     constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
@@ -251,12 +242,11 @@ def section(
     )
 
 
-def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, int]:
-    """Return the checked number of points to keep on each orbit, and the number of points to skip before them.
-
-    `name` names the first argument in errors, and `least` is its smallest allowed value.
-    """
-    return whole_number(points, name, least, MOST_SECTION_POINTS), whole_number(skip, "skip", 0, MOST_SECTION_POINTS)
+def point_counts(points: Any, skip: Any, label: str, smallest: int) -> tuple[int, int]:
+    """Return the checked numbers of points to keep on each orbit, and to skip before them."""
+    return whole_number(points, label, smallest, MOST_SECTION_POINTS), whole_number(
+        skip, "skip", 0, MOST_SECTION_POINTS
+    )
 
 
 def check_room(shape: Sequence[int]) -> None:
@@ -342,16 +332,13 @@ def _border(
     return ()
 
 
-def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float | None:
-    """Return the largest change of the energy from start to crossing, relative to the largest energy.
-
-    It is None for a system that does not conserve its energy.
-    """
+def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float | None:
+    """Return the largest change of the energy, relative to the largest energy; None if it is not conserved."""
     model = runs.model
-    if not model.conservative or not done:
+    if not model.conservative or not orbits:
         return None
     worst, size = 0.0, 1e-300
-    for start, orbit in zip(states, done, strict=False):
+    for start, orbit in zip(states, orbits, strict=False):
         whole = np.vstack([start[None, :], orbit.states])
         q, v = model.layout.split(np.ascontiguousarray(whole.T))
         energies = np.asarray(model.energy(q, v, 0.0, runs.parameters))

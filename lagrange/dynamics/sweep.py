@@ -171,16 +171,13 @@ def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
     return driving_period(runs.model.statement, values)
 
 
-def _next(found: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
-    """Return the time and the state at which an orbit begins for the next value of the parameter.
-
-    They are the last crossing in `found`, or 0 and `start` if the orbit failed or has no crossing.
-    """
-    if not found.status.complete or not len(found.states):
+def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
+    """Return time and state of the next orbit's start: the last crossing, or 0 and `start` if there is none."""
+    if not orbit.status.complete or not len(orbit.states):
         return 0.0, start
     # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
-    begin = float(found.times[-1]) if isinstance(passed, Event) and depends_on_time(statement) else 0.0
-    return begin, np.ascontiguousarray(found.states[-1])
+    begin = float(orbit.times[-1]) if isinstance(passed, Event) and depends_on_time(statement) else 0.0
+    return begin, np.ascontiguousarray(orbit.states[-1])
 
 
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:

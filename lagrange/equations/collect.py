@@ -45,10 +45,7 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 
 
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
-    """Return the coefficients of `above` as a polynomial in the factors that `below` does not contain.
-
-    A common factor of `above` and `below` divides each of these coefficients.
-    """
+    """Return the coefficients of `above` in factors that `below` lacks. A common factor divides each of them."""
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}
     for monomial, number in above.items():
@@ -236,10 +233,7 @@ class Collector:
         return len(below) == 1 and () not in below
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-        """Return the common factor (a sum of one term) and the rest.
-
-        Sums in the rest with whole powers are expanded.
-        """
+        """Return the common factor (a sum of one term) and the rest, with whole powers of sums expanded."""
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
         more, extracted, rest = common_factor(unfolded)
@@ -275,10 +269,7 @@ class Collector:
         return Mul(expanded, motion)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return a sum as three factors: number, monomial and rest.
-
-        Multiply all three in one call: SymPy distributes a number over a single sum.
-        """
+        """Return (number, monomial, rest) of a sum, to multiply in one call: SymPy distributes a number over a sum."""
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
         if len(rest) == 2 and written.could_extract_minus_sign():
@@ -303,9 +294,6 @@ class Collector:
         return outside * Add(*(part / outside for part in expression.args))
 
 
-def _shared(base: Any, powers: list[Any]) -> bool:
-    """Return True if `base` is a sum and a factor of every term, with positive integer powers.
-
-    `powers` has {factor: exponent} of each term.
-    """
-    return bool(base.is_Add) and all(base in power and power[base].is_Integer and power[base] > 0 for power in powers)
+def _shared(base: Any, terms: list[Any]) -> bool:
+    """Return True if `base` is a sum and a factor of every term {factor: exponent}, with positive integer powers."""
+    return bool(base.is_Add) and all(base in power and power[base].is_Integer and power[base] > 0 for power in terms)

@@ -86,12 +86,9 @@ def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -
             raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))
 
 
-def empty_constraint(name: str, value: float, size: float) -> str:
-    """Return the error message for a constraint that depends on no coordinate and no velocity.
-
-    `value` is the value of the constraint at some state, and `size` is the size of its terms there.
-    """
-    if abs(value) <= TERM_ROUND_OFF * size:
+def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
+    """Return the error message for a constraint without coordinates and velocities, from its value at a state."""
+    if abs(value) <= TERM_ROUND_OFF * size_of_terms:
         return (
             f"the constraint {name!r} is always true: it is zero at every state tried, and constrains nothing. Leave "
             "it out."
@@ -103,27 +100,24 @@ def empty_constraint(name: str, value: float, size: float) -> str:
 
 
 def constraint_equations(
-    stated: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
+    zeros: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> ConstraintEquations:
-    """Return the constraint equations of the expressions `stated`, by name.
-
-    `holonomic` has a flag for each expression: True for phi(q, t), False for psi(q, v, t).
-    """
-    if not stated:
+    """Return the equations of expressions by name: phi(q, t) if `holonomic`, else psi(q, v, t)."""
+    if not zeros:
         return ConstraintEquations()
     graph = time.graph
     along = {**dict(zip(q, v, strict=True)), **graph.rates}
     positions = tuple(
-        node if is_holonomic else None for node, is_holonomic in zip(stated.values(), holonomic, strict=True)
+        node if is_holonomic else None for node, is_holonomic in zip(zeros.values(), holonomic, strict=True)
     )
-    moved = tangents(stated.values(), along)
+    moved = tangents(zeros.values(), along)
     velocities = tuple(
-        moved(node) if is_holonomic else node for node, is_holonomic in zip(stated.values(), holonomic, strict=True)
+        moved(node) if is_holonomic else node for node, is_holonomic in zip(zeros.values(), holonomic, strict=True)
     )
     columns = [tangents(velocities, {symbol: graph.one}) for symbol in v]
     rate = tangents(velocities, along)
     return ConstraintEquations(
-        names=tuple(stated),
+        names=tuple(zeros),
         positions=positions,
         velocities=velocities,
         gradient=tuple(tuple(column(psi) for column in columns) for psi in velocities),

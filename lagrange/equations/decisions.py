@@ -60,10 +60,7 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 
 
 def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
-    """Return True if the form of T, or of L stated alone, shows that v.p - L differs from T + V.
-
-    L then has the terms of a rotating frame. Raises TooLargeError for a Lagrangian that is too long.
-    """
+    """Return True if T, or L stated alone, has terms of a rotating frame: v.p - L differs from T + V."""
     if visibly_homogeneous(statement):
         return False
     return seen_turning(stated) if statement.lagrangian_alone else seen_mixed(statement)
@@ -207,10 +204,7 @@ class Decisions:
 
     @cached_property
     def powerless(self) -> Verdict:
-        """True if the power -dL/dt + (Q - dD/dv) . v is zero, None if undecided.
-
-        The power is the rate of change of the energy if constraints do no work.
-        """
+        """True if the rate of the energy, -dL/dt + (Q - dD/dv) . v, is zero; None if undecided."""
         if self.power_seen is not None or self._has_power:
             return self.power_seen
         if self._forceless and self.timeless is True:
@@ -219,10 +213,7 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """The result of `powerless` if absent symbols or values at random states decide it, else None.
-
-        No algebra is done.
-        """
+        """The result of `powerless` if absent symbols or random states decide it, without algebra; else None."""
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
             return True
@@ -348,10 +339,7 @@ class Decisions:
         return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
-        """Return the partial time derivative of a node by a central difference, and the size of its terms.
-
-        Return None if the node has no value at the point.
-        """
+        """Return the partial time derivative of a node and the size of its terms; None if it has no value."""
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
         if ahead is None or behind is None:
@@ -398,10 +386,7 @@ class Decisions:
         return False if any(self._power(state) for state in states if state is not None) else None
 
     def _held(self, point: Values) -> Values | None:
-        """Return a point near `point` that satisfies the constraints, or None.
-
-        Positions are corrected first, then velocities.
-        """
+        """Return a point near `point` that satisfies the constraints, positions first, then velocities; or None."""
         laws, constraints = self.laws, self.laws.constraints
         holonomic = [i for i, phi in enumerate(constraints.positions) if phi is not None]
         for rows, symbols, nodes in (
@@ -415,10 +400,7 @@ class Decisions:
         return point
 
     def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
-        """Return the point with values of `symbols` corrected by Newton's method until the constraints hold, or None.
-
-        `rows` are the indices of the constraints, and `zeros` the expressions that must become zero.
-        """
+        """Return the point with `symbols` corrected by Newton's method until `zeros` vanish, or None."""
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
         for _ in range(LAW_CORRECTIONS if zeros else 0):
             evaluated = values([*zeros, *gradient], point, CONTEXT)

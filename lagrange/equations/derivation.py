@@ -352,15 +352,12 @@ class Derivation:
 
     def _short(
         self,
-        what: str,
+        label: str,
         parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return parts by coordinate, each in its collected or its stated form, whichever is shorter.
-
-        `what` names the parts in an error message.
-        """
-        collected = self._each(what, parts)
+        """Return parts by coordinate, each in its collected or its stated form, whichever is shorter."""
+        collected = self._each(label, parts)
         if not self._is_short:
             return collected
         pairs = zip(collected.items(), as_stated(), strict=True)
@@ -388,10 +385,7 @@ class Derivation:
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form with fewer operations.
-
-    If these are equal, return that with fewer terms, else the collected form.
-    """
+    """Return the form with fewer operations, then with fewer terms, else the collected one."""
     return stated if _length(stated) < _length(collected) else collected
 
 

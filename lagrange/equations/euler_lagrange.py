@@ -110,14 +110,11 @@ def augmentation(
     return momenta, forces
 
 
-def _weight(mass: Matrix, row: Sequence[Node], symbols: Sequence[Node]) -> Node:
-    """Return trace(M) / |row|^2, where coordinates, velocities and time are replaced by 1.
-
-    Return 1 if the quotient is zero or has no value. `row` is the constraint's row of G.
-    """
+def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node]) -> Node:
+    """Return trace(M)/|row|^2 at coordinates, velocities and time 1; 1 if it is zero or has no value."""
     graph = symbols[0].graph
-    inertia = graph.sum([(1, mass[i][i]) for i in range(len(row))])
-    square = graph.sum([(1, entry * entry) for entry in row])
+    inertia = graph.sum([(1, mass[i][i]) for i in range(len(gradient_row))])
+    square = graph.sum([(1, entry * entry) for entry in gradient_row])
     try:
         above, below = substitute([inertia, square], dict.fromkeys(symbols, graph.one))
         weight = above / below
@@ -158,14 +155,11 @@ def first_order_coordinates(
         chosen = [i for i in chosen if i not in alone]
 
 
-def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return the motion with p, f and h set to zero for the coordinates with the indices `chosen`.
-
-    Their equations are stated as relations between velocities instead.
-    """
+def without(first_order: Sequence[int], motion: MotionForm) -> MotionForm:
+    """Return the motion with p, f and h zero for coordinates whose equations are relations between velocities."""
 
     def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
-        return tuple(entry.graph.zero if i in chosen else entry for i, entry in enumerate(entries))
+        return tuple(entry.graph.zero if i in first_order else entry for i, entry in enumerate(entries))
 
     return MotionForm(cleared(motion.momenta), cleared(motion.forces), cleared(motion.bias))
 
@@ -180,27 +174,24 @@ def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
 
 def with_relations(
     constraints: ConstraintEquations,
-    chosen: Sequence[int],
+    first_order: Sequence[int],
     names: Sequence[str],
     bias: Sequence[Node],
     q: Sequence[Node],
     v: Sequence[Node],
     time: Node,
 ) -> ConstraintEquations:
-    """Return the constraints, followed by the equations 0 = h of the coordinates `chosen` as relations of velocities.
-
-    `bias` is h.
-    """
-    if not chosen:
+    """Return the constraints, followed by the first-order equations 0 = h as relations between velocities."""
+    if not first_order:
         return constraints
     graph = time.graph
-    relations = tuple(bias[i] for i in chosen)
+    relations = tuple(bias[i] for i in first_order)
     columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
     rate = tangents(relations, {**dict(zip(q, v, strict=True)), **graph.rates})
     return constraints.joined(
         ConstraintEquations(
-            names=tuple(f"{RELATION}{names[i]}" for i in chosen),
-            positions=tuple(None for _ in chosen),
+            names=tuple(f"{RELATION}{names[i]}" for i in first_order),
+            positions=tuple(None for _ in first_order),
             velocities=relations,
             gradient=tuple(tuple(column(psi) for column in columns) for psi in relations),
             bias=tuple(map(rate, relations)),
@@ -403,10 +394,7 @@ def with_inertia(
     v: Sequence[Node],
     time: Node,
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the motion and its mass matrix, with the terms of `augmentation` added if `complete` is singular.
-
-    `complete` is the mass matrix with ones on the diagonal for coordinates of first order.
-    """
+    """Return the motion and its mass matrix, with the terms of `augmentation` if the matrix `complete` is singular."""
     added = augmentation(complete, constraints, q, v, time)
     if added is None:
         return motion, mass
@@ -492,10 +480,7 @@ def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEqu
 def solve_motion(
     plan: SolvePlan, matrix: Sequence[Sequence[Node]], bias: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[list[Node], list[Node]]:
-    """Return a and lambda, the solution of M a = h + G^T lambda and G a + gamma = 0.
-
-    `matrix` is the matrix of the whole linear system, and `bias` is h.
-    """
+    """Return a and lambda, the solution of M a = h + G^T lambda and G a + gamma = 0; `bias` is h."""
     unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)
     return unknowns[:n], [-unknown for unknown in unknowns[n:]]
@@ -516,10 +501,7 @@ def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tupl
 
 
 def node_of(expression: Any, statement: Statement, equations: Equations) -> Node:
-    """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t as a node of the equations.
-
-    Raises StatementError for an expression that contains other symbols.
-    """
+    """Return an expression as a node of the equations. Raises StatementError for unknown symbols."""
     stated = expression_of(expression, "the expression")
     expression = in_own_parameters(stated, statement.parameters)
     survey = Survey()
@@ -532,10 +514,7 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
 
 
 def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
-    """Return a statement and its equations, without the inputs that are used in neither.
-
-    Equations are formed with more time derivatives of each input than most equations contain.
-    """
+    """Return a statement and its equations, without the rates of inputs that neither contains."""
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
     nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]

@@ -81,21 +81,18 @@ def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
             )
 
 
-def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> list[Node]:
-    """Return the multipliers of the constraints `names` as functions of the state.
-
-    The symbols of multipliers in forces are the last parameters of the equations. `system` is the system's name.
-    """
+def _multipliers(equations: Equations, system_name: str, constraint_names: Sequence[str]) -> list[Node]:
+    """Return multipliers as functions of the state. Their symbols are the last parameters of the equations."""
     e = equations
-    n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(names) :]
+    n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(constraint_names) :]
     right = [*e.motion.bias, *(-gamma for gamma in e.constraints.bias)]
     relations = any(psi.depends & symbol.depends for psi in e.constraints.velocities for symbol in symbols)
     if relations or generic_rank(e.matrix) < len(e.matrix):
         raise StatementError(
-            f"the forces of {system} contain multipliers, and its mass matrix d2L/dv2 is singular: give every "
+            f"the forces of {system_name} contain multipliers, and its mass matrix d2L/dv2 is singular: give every "
             "coordinate kinetic energy, or state the force in coordinates and velocities."
         )
-    indices = [n + e.stated.names.index(name) for name in names]
+    indices = [n + e.stated.names.index(name) for name in constraint_names]
     matrix = [list(row) for row in e.matrix]
     for symbol, index in zip(symbols, indices, strict=True):
         slope = tangents(right, {symbol: e.graph.one})
@@ -103,7 +100,7 @@ def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> lis
             row[index] = row[index] + slope(entry)
     if generic_rank(matrix) < len(matrix):
         raise StatementError(
-            f"the multipliers of {system} are not determined: its constraints depend on one another, or the "
+            f"the multipliers of {system_name} are not determined: its constraints depend on one another, or the "
             "forces cancel those of a constraint. Change the forces that contain multipliers."
         )
     order = [unknown for block in e.plan.blocks for unknown in block]

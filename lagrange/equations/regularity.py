@@ -60,10 +60,7 @@ def known_statement(statement: Statement) -> Statement:
 
 
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:
-    """Return the equations of motion. Redundant constraints are left out if the statement allows redundant constraints.
-
-    `reach` is a function that finds states on the constraints.
-    """
+    """Return the equations of motion, without redundant constraints if the statement allows them."""
     equations = euler_lagrange(statement)
     if statement.redundant == REFUSE or len(statement.constraints) < 2:
         return equations
@@ -138,10 +135,7 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
 
 def independent_rows(rows: FloatArray) -> tuple[int, ...]:
-    """Return the indices of rows that span the space of all rows.
-
-    Each next row is the one with the longest part orthogonal to the rows chosen before, relative to its length.
-    """
+    """Return the indices of rows that span the space of all rows: in turn the one farthest from those chosen."""
     sizes = np.sqrt((rows**2).sum(axis=1))
     left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
     for _ in range(len(rows)):
@@ -238,10 +232,7 @@ def _check_empty(
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
-    """Return the singularity at the first state if M and G are singular at every state, else None.
-
-    States without finite values are skipped. `mass` is (n, n, states), `gradient` (m, n, states).
-    """
+    """Return the singularity at the first finite state if M (n, n, k) and G (m, n, k) are singular at all k states."""
     first = None
     for k in range(mass.shape[2]):
         singular = least_regular(mass[:, :, k], gradient[:, :, k])

@@ -65,10 +65,7 @@ class Singular:
 
 
 def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return A_ij / (s_i s_j) and the scale factors s, so that the largest entry of each row is about 1.
-
-    Source: D. Ruiz, RAL-TR-2001-034.
-    """
+    """Return A_ij / (s_i s_j) and s: the largest entry of each row is about 1. Source: D. Ruiz, RAL-TR-2001-034."""
     scale = np.ones(len(matrix))
     for _ in range(30):
         largest = np.abs(_divided(matrix, scale)).max(axis=1, initial=0.0)
@@ -77,10 +74,7 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return A_ij / (s_i s_j).
-
-    The divisions are made one after the other, since the product of two scales may underflow.
-    """
+    """Return A_ij / (s_i s_j), divided one after the other: a product of two scales may underflow."""
     return np.asarray(matrix / scale[:, None] / scale)
 
 

@@ -24,10 +24,7 @@ from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the diagonal blocks of a symmetric matrix as sorted lists of indices.
-
-    `nonzero` has a flag for each entry.
-    """
+    """Return the diagonal blocks of a symmetric matrix, given by flags, as sorted lists of indices."""
     blocks: list[list[int]] = []
     left = dict.fromkeys(range(len(nonzero)))
     while left:
@@ -164,10 +161,7 @@ Neighbours = Sequence[Collection[int]]
 
 
 def band_order(neighbours: Neighbours) -> list[int]:
-    """Return the unknowns in an order that makes the bandwidth of the matrix small (Cuthill, McKee).
-
-    They are ordered by distance from an unknown at one end, so the order does not depend on the order of statement.
-    """
+    """Return the unknowns by distance from one end, which makes the bandwidth small (Cuthill, McKee)."""
     order: list[int] = []
     left = dict.fromkeys(range(len(neighbours)))
 
@@ -186,10 +180,7 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns in levels by distance from `root`.
-
-    Within a level, unknowns with few neighbours come first.
-    """
+    """Return the unknowns in levels by distance from `root`, in each level those with few neighbours first."""
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []
@@ -203,10 +194,7 @@ def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
 
 
 def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers: Collection[int]) -> tuple[int, ...]:
-    """Return the unknowns of a block in the order of elimination: fewest neighbours first, ties by `band_order`.
-
-    A multiplier is eliminated after the accelerations in its row.
-    """
+    """Return a block in order of elimination: fewest neighbours first; multipliers after accelerations in their row."""
     ranks = {unknown: i for i, unknown in enumerate(block)}
     ends = band_order([[ranks[j] for j in neighbours[i]] for i in block])
     rank = {block[i]: k for k, i in enumerate(ends)}

@@ -150,10 +150,7 @@ class Structure:
         return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
     def energy_reason(self) -> str:
-        """Return the reason why the energy is conserved, as the beginning of a sentence.
-
-        Only valid if the energy is conserved.
-        """
+        """Return the reason why the energy is conserved, if it is, as the beginning of a sentence."""
         if not self.forced:
             return "Nothing depends on time explicitly and no force acts beside the potential"
         if self.autonomous:

@@ -20,12 +20,9 @@ MonomialSum = dict[Monomial, Any]
 ONE: Monomial = ()
 
 
-def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
-    """Multiply a monomial, {factor: exponent}, by the power `by` of a factor, in place.
-
-    Whole exponents are stored as ints.
-    """
-    total = powers.get(factor, 0) + by
+def raise_power(powers: dict[int, Any], factor: int, exponent: Any) -> None:
+    """Multiply a monomial {factor: exponent} by a power of a factor, in place. Whole exponents are ints."""
+    total = powers.get(factor, 0) + exponent
     if total == 0:
         del powers[factor]
     else:
@@ -421,10 +418,7 @@ class Algebra:
         return {joined: scale * number**exponent}
 
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
-        """Return a sum as (common factor, rest). `stated` is the sum as an expression.
-
-        Sums that differ by a factor get the same rest, for example 1/(2 x - 2 y) and 1/(y - x).
-        """
+        """Return (common factor, rest) of a sum. Multiples of a sum get the same rest: 1/(2 x - 2 y), 1/(y - x)."""
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)
         if inside.could_extract_minus_sign():
@@ -433,10 +427,7 @@ class Algebra:
         return {monomial: number}, stated if as_stated else inside
 
     def _tidy(self, expression: Any) -> Any:
-        """Return the argument of a root or function, simplified.
-
-        Its terms are merged and their common factor is taken out if this makes the argument shorter.
-        """
+        """Return the argument of a root or function, merged and with its common factor taken out if that is shorter."""
         if not isinstance(expression, Expr) or not expression.is_Add:
             return expression
         number, monomial, rest = common_factor(self.merge_angles(self.read(expression)))

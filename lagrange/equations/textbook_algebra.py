@@ -197,10 +197,7 @@ class TextbookAlgebra(StatedAlgebra):
         return algebra.add({}, *parts)
 
     def require_short_slopes(self) -> None:
-        """Raise TooLargeError if dL/dq of all coordinates together is too long.
-
-        This is estimated before differentiation.
-        """
+        """Raise TooLargeError if dL/dq of all coordinates together is too long, before differentiation."""
         if self.slope_operations > LONGEST_SLOPES:
             raise TooLargeError
 
@@ -322,10 +319,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [solved[i] for i in range(len(solved))]
 
     def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block of matrix * x = bias, with determinants multiplied out if this stays short.
-
-        `block` has the indices of the unknowns.
-        """
+        """Return the unknowns of a block of matrix * x = bias, with determinants multiplied out if this stays short."""
         has_multipliers = any(i >= len(self.q) for i in block)
         if len(block) <= (EXPANDED_WITH_MULTIPLIERS if has_multipliers else EXPANDED_BLOCK):
             try:

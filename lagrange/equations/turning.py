@@ -50,10 +50,7 @@ class Turning:
 
     @property
     def adjacent(self) -> bool:
-        """True if the quaternions are adjacent among the coordinates.
-
-        Series then solve for their velocities separately.
-        """
+        """True if the quaternions are adjacent among the coordinates. Series then solve for their velocities apart."""
         count = len(self.spun)
         first, others = min(self.spun), len(self.velocities) - count * 3 // 4
         return first in (0, others) and max(self.spun) == first + count - 1

@@ -49,10 +49,7 @@ def usable(places: Iterable[Place], value: Callable[[Place], Value | None]) -> I
 
 
 def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
-    """Return True if `judge` is true at `count` places, and False after its first False.
-
-    `judge` returns None at a place where it has no value. Returns None if fewer than `count` places have a value.
-    """
+    """Return True if `judge` is true at `count` places, False after a False, None if too few places have a value."""
     count_so_far = 0
     for verdict in islice(usable(places, judge), count):
         if not verdict:
@@ -75,10 +72,7 @@ def compared(what: str, statement: Statement, values: Values) -> None:
 
 
 def agrees(what: str, statement: Statement, point: SamplePoint, values: Values) -> bool | None:
-    """Return True if the two results of `values(point)`, compiled numbers and formulas, agree; None without a value.
-
-    Raises RunError if they differ; its message begins with `what`.
-    """
+    """Return True if compiled numbers and formulas, `values(point)`, agree; None without a value. Raises RunError."""
     try:
         compiled, formulas = values(point)
     except RunError:

@@ -133,10 +133,7 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Compare at point number `k`: draw until a point lies inside the domain, or the limit of draws is reached.
-
-        After too many expensive draws outside the domain it returns without a comparison.
-        """
+        """Compare at point `k`: draw until one is in the domain, the draws run out, or too many expensive ones fail."""
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
@@ -146,10 +143,7 @@ class _Session:
                 return
 
     def _on_constraints(self, point: SamplePoint) -> SamplePoint:
-        """Return the nearest point at which the constraints hold, or the point itself if there is none near it.
-
-        The compared definitions hold at any state. Motions satisfy the constraints, so some points should, too.
-        """
+        """Return the nearest point on the constraints, as motions are, or the point itself if there is none near it."""
         if not self.statement.constraints:
             return point
         try:
@@ -324,10 +318,7 @@ Textbook = Mapping[Any, Any] | SolvedTextbook
 
 
 def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
-    """Return a program for the accelerations of a textbook, in the order of the coordinates.
-
-    Raises StatementError if the textbook lacks an acceleration.
-    """
+    """Return a program for a textbook's accelerations. Raises StatementError if one is missing."""
     if isinstance(textbook, SolvedTextbook):
         return textbook
     table = {**textbook}
@@ -362,22 +353,15 @@ def check_stated(system: Stated, target: str, points: int | None, seed: int) -> 
 
 
 def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str, ...]]:
-    """Return the system compiled for another target, and notes.
-
-    If the target is not installed, the system is None and a note says so; else there is no note.
-    """
+    """Return the system compiled for another target, and no note; or None and a note if it is not installed."""
     try:
         return system.compile(target, check=False), ()
     except MissingTargetError as missing:
         return None, (f"not compared with the target {target}: {missing}",)
 
 
-def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
-    """Return the accelerations of the textbook derivation, and notes.
-
-    If the accelerations are too large to derive, they are None and a note says so. `prescribed` maps functions of time
-    and their derivatives to their values.
-    """
+def _textbook(system: Stated, values_of_functions: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
+    """Return the accelerations of the derivation, and no note; or None and a note if they are too large."""
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)
@@ -386,8 +370,8 @@ def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Textbook |
         solved = derivation.accelerations
         if system.statement.reading is not None:
             solved = of_quaternions(solved, system.statement.rotations)
-        return {q: a.xreplace(prescribed) for q, a in solved.items()}, ()
+        return {q: a.xreplace(values_of_functions) for q, a in solved.items()}, ()
     except StatementError as refusal:
         if system.statement.reading is not None:
-            return SolvedTextbook(derivation, system.statement, prescribed), ()
+            return SolvedTextbook(derivation, system.statement, values_of_functions), ()
         return None, (f"not compared with the textbook derivation: {refusal}",)

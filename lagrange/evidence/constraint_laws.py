@@ -70,10 +70,7 @@ def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, st
 def acceleration_level(
     stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps
 ) -> Numbers:
-    """Return dpsi/dt = G a + gamma, m numbers.
-
-    They are derivatives with respect to s along the path q + v s + a s^2/2.
-    """
+    """Return dpsi/dt = G a + gamma, m numbers: derivatives along the path q + v s + a s^2/2."""
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def rates_at(s: Any) -> Numbers:
@@ -113,10 +110,7 @@ def reactions(gradient: Sequence[Numbers], multipliers: Sequence[Any]) -> list[N
 
 
 def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
-    """Return the n + m rows of [[M, G^T], [G, 0]], with `mass` M and `gradient` G.
-
-    For the right-hand side [h, -gamma] the solution is [a, -lambda].
-    """
+    """Return the rows of [[M, G^T], [G, 0]]. For the right-hand side [h, -gamma] the solution is [a, -lambda]."""
     upper = [dict(row) for row in mass]
     lower = [{i: x for i, x in enumerate(line) if x} for line in gradient]
     for j, line in enumerate(lower, len(mass)):
@@ -144,10 +138,7 @@ class ConstraintSurface:
     def nearest(
         self, q: Sequence[Any], v: Sequence[Any], t: Any, parameters: Mapping[Any, Any]
     ) -> tuple[Numbers, Numbers]:
-        """Return coordinates and velocities near q and v, moved along the rows of G until the constraints hold.
-
-        Raises OutsideDomain if the corrections do not converge, or if the constraints are dependent there.
-        """
+        """Return q and v moved along the rows of G until the constraints hold. Raises OutsideDomain if that fails."""
         values = {p: self.number(x) for p, x in parameters.items()}
         position, rates, t = list(map(self.number, q)), list(map(self.number, v)), self.number(t)
 
@@ -173,10 +164,7 @@ class ConstraintSurface:
         return position, self._corrected(rates, on_velocities)
 
     def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
-        """Return x after Newton corrections -G^T z with G G^T z = residual, until the corrections are rounding errors.
-
-        `at(x)` returns the residual and the rows of G.
-        """
+        """Return x after Newton corrections -G^T z with G G^T z = residual; `at(x)` returns residual and rows of G."""
         for _ in range(PRECISE_CORRECTIONS):
             residual, rows = at(x)
             square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]

@@ -323,10 +323,7 @@ def residual_slopes(
 
 
 def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:
-    """Return the solution x of matrix x = r for each r in `right`, by elimination with partial pivoting.
-
-    Raises SingularMass when a pivot is at most `threshold` times the largest entry of its row.
-    """
+    """Return x with matrix x = r for each r. Raises SingularMass for a pivot below `threshold` of its row."""
     n = len(matrix)
     rows = [{j: x for j, x in row.items() if x} for row in matrix]
     sizes = [max(map(abs, row.values()), default=0) for row in rows]

@@ -73,10 +73,7 @@ class _Map:
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
-        """Return the matrix of a whole step, (Z, m, m).
-
-        For a two-step method the state is [new state, previous state].
-        """
+        """Return the matrix of a whole step, (Z, m, m), of [new state, previous state] for a two-step method."""
         for action in self.step.actions:
             if isinstance(action, LawCall):
                 self.call(action)
@@ -113,10 +110,7 @@ class _Map:
                 self.vectors[call.first + i] = vector
 
     def solve(self, solve: Solve) -> None:
-        """Solve the implicit equations and store their unknowns.
-
-        The unknowns become additional columns beside those of the initial state, in which the residuals are linear.
-        """
+        """Solve the implicit equations: unknowns become additional columns, in which the residuals are linear."""
         width, fresh = self.vectors[0].shape[2], solve.count * self.length
         before = dict(self.vectors)
         for i, vector in before.items():
@@ -193,10 +187,7 @@ def _extent(step: StepProgram, direction: complex) -> float:
 
 
 def step_of(method: Any) -> StepProgram:
-    """Return the step program of a method: a registered name, an instance, or a step program.
-
-    Raises StatementError for a method without a step program.
-    """
+    """Return the step program of a method: a name, an instance, or a program. Raises StatementError without one."""
     integrator = find(method)
     if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(

@@ -42,10 +42,7 @@ class BeyondDoubles(OutsideDomain):
 
 
 def numeric_operation(node: Any, prec: int) -> Operation:
-    """Return a function that computes a node's value from its arguments' values, at `prec` bits.
-
-    Raises OutsideDomain for a node of an unknown type.
-    """
+    """Return the function for a node's value from those of its arguments. Raises OutsideDomain for an unknown type."""
     if isinstance(node, sympy.Pow):
         return _power(node.exp, prec)
     table = _NUMERIC.get(type(node))
@@ -214,10 +211,7 @@ def _not(part: Any) -> Any:
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return the value of SymPy's ITE(condition, then, otherwise); a condition without a value is returned itself.
-
-    SymPy produces ITE for a Max inside a Max.
-    """
+    """Return the value of SymPy's ITE, made for a Max inside a Max; a condition without a value is returned itself."""
     return condition if not isinstance(condition, bool) else then if condition else otherwise
 
 
@@ -314,10 +308,7 @@ class Precise:
         return [make(values[slot]) for slot in self._outputs]
 
     def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
-        """Evaluate once; return the outcomes of the switches and the largest exponent.
-
-        Raises OutsideDomain as a call does.
-        """
+        """Evaluate once; return outcomes of switches and the largest exponent. Raises OutsideDomain as a call does."""
         values = self._run(q, v, t, parameters)
         outcomes = tuple(
             switch_outcome(node, values[out], [values[i] for i in arguments])
@@ -396,19 +387,16 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
     return OutsideDomain(str(error) or "division by zero")
 
 
-def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], prec: int) -> Operation:
-    """Return an operation whose first result is multiplied by 1 + delta, and later changes of it by 1 + slope.
-
-    `bases` stores the first result times (delta - slope), by slot.
-    """
+def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int, Any], prec: int) -> Operation:
+    """Return an operation with its first result times 1 + delta, and later changes times 1 + slope."""
     multiply, add = libmp.mpf_mul, libmp.mpf_add
     operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
 
     def scaled(*arguments: Any) -> Any:
         value = operation(*arguments)
-        if out not in bases:
-            bases[out] = multiply(value, rest, prec, "n")
-        return add(multiply(value, factor, prec, "n"), bases[out], prec, "n")
+        if out not in first_results:
+            first_results[out] = multiply(value, rest, prec, "n")
+        return add(multiply(value, factor, prec, "n"), first_results[out], prec, "n")
 
     return scaled
 

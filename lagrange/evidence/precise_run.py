@@ -164,10 +164,7 @@ class PreciseLaws:
         self.held = StatedConstraints.alike(lambda q, v, t: held(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
-        """Return the state at time t, moved onto the constraints to all digits, since violations grow along a run.
-
-        Raises RunError if that fails.
-        """
+        """Return the state at time t moved onto the constraints: violations grow. Raises RunError if that fails."""
         if not self.held.holonomic:
             return state
         n = len(state) // 2
@@ -187,10 +184,7 @@ class PreciseLaws:
     def residual(
         self, q: Numbers, v: Numbers, a: Numbers, multipliers: Numbers, t: Any, steps: DifferenceSteps
     ) -> Numbers:
-        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers.
-
-        All are zero for the accelerations `a` and the multipliers lambda of the motion.
-        """
+        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers that are zero for the motion."""
         free = laws.residual(self.source, q, v, a, t, steps)
         if not self.held.holonomic:
             return free
@@ -295,10 +289,7 @@ class _Interval:
 
 
 def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
-    """Return the scale of each acceleration, (n,): a value that changes the motion noticeably within the time h.
-
-    `spectrum` are the Legendre coefficients of the accelerations; `q` and `v` are (s, n).
-    """
+    """Return the scale of each acceleration, (n,): a value that changes the motion noticeably within the time h."""
     sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
     sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
     least = 1e-15 * float(sizes.max())
@@ -320,16 +311,13 @@ class _PreciseRun:
         self.model = model
         self.length: float | None = None
 
-    def advance(self, t: Any, end: Any, state: Numbers, whole: float) -> Numbers:
-        """Return the state at time `end` of the run that has `state` at time t.
-
-        It takes intervals that are halved until they succeed. `whole` is the length of the run.
-        """
+    def advance(self, t: Any, end: Any, state: Numbers, run_length: float) -> Numbers:
+        """Return the state at time `end` from that at t, by intervals that are halved until they succeed."""
         while t != end:
             left = float(end - t)
             parts = 1 if self.length is None else math.ceil(abs(left) / self.length)
             while True:
-                self._check(float(t), left / parts, whole)
+                self._check(float(t), left / parts, run_length)
                 then = end if parts == 1 else t + left / parts
                 try:
                     guess = self._guess(float(t), float(then - t), state)
@@ -351,10 +339,7 @@ class _PreciseRun:
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
-        """Return the solution in doubles of the interval from t to t + h.
-
-        Raises _TooLong if the iteration does not converge or the rule does not resolve the accelerations.
-        """
+        """Return the solution in doubles of the interval from t to t + h. Raises _TooLong if it is too long."""
         times = t + h * self.rule.places
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
@@ -378,10 +363,7 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return the length of the next interval divided by the length of this one.
-
-        `a` (s, n) are the accelerations, `sizes` (n,) their scales. Raises _TooLong if this interval is too long.
-        """
+        """Return the factor for the length of the next interval. Raises _TooLong if this interval is too long."""
         # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
         # the digits in the series are enough. Doubles resolve its coefficients only as far as the middle.
         spectrum = np.abs(self.rule.spectrum @ a)
@@ -417,10 +399,7 @@ class _PreciseRun:
         return moved
 
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
-        """Return the accelerations at the points, s rows of n numbers, corrected until the equations of motion hold.
-
-        Raises _TooLong if the corrections converge too slowly.
-        """
+        """Return accelerations at the points, s rows, corrected to all digits. Raises _TooLong if that is slow."""
         a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
         steps = self.laws.steps(guess.q, guess.v, float(h))
         inverses, multipliers = self._solver(guess)
@@ -446,10 +425,7 @@ class _PreciseRun:
         raise _TooLong
 
     def _solver(self, guess: _Interval) -> tuple[FloatArray, list[Numbers]]:
-        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point in doubles, and guesses of the multipliers.
-
-        The multipliers are then corrected to all digits together with the accelerations.
-        """
+        """Return the inverse of M or [[M, G^T], [G, 0]] at each point, and guesses of multipliers, in doubles."""
         where = (guess.q.T, guess.v.T, guess.times, self.parameters)
         masses = np.moveaxis(self.model.evaluate("mass_matrix", *where), -1, 0)
         if not self.laws.held.holonomic:
@@ -462,10 +438,7 @@ class _PreciseRun:
         return inverses, [[self.laws.number(float(x)) for x in row] for row in multipliers]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
-        """Raise _TooLong if the last coefficients of the accelerations' polynomials are not small.
-
-        `a` are the accelerations at the s points. A kink of the forces within the interval has this effect.
-        """
+        """Raise _TooLong if the last coefficients of the accelerations are not small, as at a kink of the forces."""
         columns, dot = list(zip(*a, strict=True)), self.laws.context.fdot
         middle, tail = (
             np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])

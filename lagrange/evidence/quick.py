@@ -114,10 +114,7 @@ def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> li
 
 
 def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
-    """Return True if the accelerations are right after all, False if the point cannot be used.
-
-    Raises RunError if they are wrong.
-    """
+    """Return True if the accelerations are right, False if the point cannot be used. Raises RunError if wrong."""
     try:
         part = Reference(statement, model.equations.first_order).at(point, [])["accelerations"]
     except OutsideDomain:
@@ -161,10 +158,7 @@ class _Probe:
         return True
 
     def suspects(self, point: SamplePoint, a: Sequence[float], direction: Sequence[float]) -> bool:
-        """Return True if the left-hand side exceeds its rounding error or has no value.
-
-        `a` are the accelerations; `direction` is a direction that the constraints allow.
-        """
+        """Return True if the equation along an allowed direction exceeds its rounding error or has no value."""
         try:
             q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
             residuals = [
@@ -187,15 +181,12 @@ class _Probe:
             for (residual, _), (other, _) in zip(residuals, moved, strict=True)
         )
 
-    def _held(self, tape: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return one pair: a random combination of the entries of G a + gamma, and its largest term.
-
-        The list is empty without constraints. `tape` is the program of the constraints.
-        """
+    def _held(self, program: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
+        """Return [(random combination of the entries of G a + gamma, its largest term)]; [] without constraints."""
         if not self.holonomic:
             return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        stated = StatedConstraints.alike(lambda q, v, t: tape(q, v, t, parameters), self.holonomic)
+        stated = StatedConstraints.alike(lambda q, v, t: program(q, v, t, parameters), self.holonomic)
         t, still, steps = self.number(point.t), [self.number(0)] * len(q), self._steps(point, q, v)
         whole, bias = (acceleration_level(stated, q, v, along_a, t, steps) for along_a in (a, still))
         terms = [weight * x for weight, x in zip(self.weights, whole, strict=True)]
@@ -204,10 +195,7 @@ class _Probe:
     def _residual(
         self, for_rate: Precise, for_force: Precise, point: SamplePoint, q: Any, v: Any, a: Any, w: Any
     ) -> tuple[Any, Any]:
-        """Return the left-hand side of the projected equation along w, and the magnitude of its largest term.
-
-        `for_rate` and `for_force` are programs of L for d/dt dL/dv and dL/dq.
-        """
+        """Return the projected equation along w, and its largest term, from programs of L for d/dt dL/dv and dL/dq."""
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
 

@@ -163,10 +163,7 @@ class Reference:
         return self.lagrangian.switches + self.loads.switches + self.held.switches
 
     def inspect(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch at a point, or None for a switch without effect there.
-
-        Raises OutsideDomain if L, Q, D or a constraint has no value, or exceeds double precision.
-        """
+        """Return the outcome of each switch, None without effect. Raises OutsideDomain if a law has no value."""
         outcomes: tuple[int | None, ...] = ()
         for source in (self.lagrangian, self.loads, self.held):
             inspection = source.inspect(point.q, point.v, point.t, point.parameters)
@@ -341,10 +338,7 @@ class Reference:
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
     def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
-        """Return a function from right-hand sides to solutions of the linear system for the accelerations.
-
-        `matrix` is M, or [[M, G^T], [G, 0]] with constraints. The function solves in scaled units.
-        """
+        """Return a function from right-hand sides to solutions of the system for the accelerations, in scaled units."""
         scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
 
         def balanced(row: Row, scale: Any) -> Row:
@@ -360,10 +354,7 @@ class Reference:
         return solve
 
     def _without_noise(self, mass: Sequence[Row], energy: Any, steps: DifferenceSteps) -> list[Row]:
-        """Return a copy of M without the entries that are only rounding of L.
-
-        Otherwise the pivot of a coordinate without inertia would be accepted although it has no correct digit.
-        """
+        """Return M without entries that are only rounding of L: they would be pivots without a correct digit."""
         noise = self.number(MASS_NOISE) * energy
         return [
             {j: x for j, x in row.items() if abs(x) * a * steps.v[j] > noise}

@@ -289,10 +289,7 @@ def is_finite(value: Any) -> bool:
 
 
 def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
-    """Return the name of each entry of the quantity `name`, flattened in the order of `computed`.
-
-    `columns` are the indices of the compared columns of the Jacobian.
-    """
+    """Return the name of each entry of a quantity in the order of `computed`; `columns` are of the Jacobian."""
     names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
     rates = [*velocities, *(f"{a}_ddot" for a in names)]
@@ -316,10 +313,7 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
 
 
 def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> FloatArray:
-    """Return the compiled entries of the quantity `name`, flattened; all NaN if the model raises RunError.
-
-    `columns` are the indices of the compared columns of the Jacobian.
-    """
+    """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)

@@ -71,10 +71,7 @@ class Scales:
         self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return the typical magnitudes of the state, (2n,). A magnitude that is of order one, or not determined, is 1.
-
-        A state `start` (2n,) gives the magnitudes that constants and parameters do not determine.
-        """
+        """Return typical magnitudes of the state (2n,), 1 if of order one; `start` gives those not determined."""
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows: list[tuple[dict[int, float], float]] = []
         for row in self._rows:

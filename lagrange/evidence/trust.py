@@ -106,15 +106,12 @@ def _independent(
     return ReferenceSolution(tuple(times), states, bound, about)
 
 
-def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> ReferenceSolution:
-    """Return the states of a run with the method `given` as a reference solution.
-
-    Its uncertainty is the difference from a run with a second method at its tightest tolerance.
-    """
-    method = find(given)
-    tightened = isinstance(given, str) and method.claims.adaptive
+def _by_method(problem: Problem, times: Sequence[float], method_given: Any, unit: FloatArray) -> ReferenceSolution:
+    """Return the states of a run by a method; their uncertainty is the difference from another tight method."""
+    method = find(method_given)
+    tightened = isinstance(method_given, str) and method.claims.adaptive
     other = "dopri5" if method.name == "dop853" else "dop853"
-    first = _states(problem, times, given, TIGHTEST if tightened else None)
+    first = _states(problem, times, method_given, TIGHTEST if tightened else None)
     second = _states(problem, times, other, TIGHTEST)
     bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
     return ReferenceSolution(
@@ -336,10 +333,7 @@ def trust_horizon(
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return comparison times: `TIMES_PER_STEP` in each step between the times `marks`, thinned to about `MOST_TIMES`.
-
-    The first and the last mark are always included.
-    """
+    """Return comparison times: the marks and `TIMES_PER_STEP` in each step, thinned to about `MOST_TIMES`."""
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
@@ -350,10 +344,7 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, run: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield (name, run) for each comparison run that succeeds.
-
-    `size` (2n,) is the magnitude of each entry early in the run, and scales perturbations of entries that start at 0.
-    """
+    """Yield (name, run) for each comparison run that succeeds; `size` (2n,) scales entries that start at 0."""
     rows = model.layout.names()
     start = run.dense(run.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))

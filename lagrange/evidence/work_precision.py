@@ -221,10 +221,7 @@ class _Measurements:
         return replace(blank, error=max(error, bound), resolved=error > bound, time=seconds, timed=timed)
 
     def _timed(self, run: Callable[[], FloatArray], single: float) -> tuple[float, int]:
-        """Return the shortest time of `run` in seconds, and the number of timings.
-
-        `single` is the time of one earlier run in seconds.
-        """
+        """Return the shortest time of `run` in seconds, and the number of timings; `single` is the time of one run."""
         least, timed = math.inf, 0
         count = max(1, math.ceil(SHORTEST_TIMING / max(single, 1e-9)))
         began = time.perf_counter()
@@ -237,10 +234,7 @@ class _Measurements:
         return least, timed
 
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
-        """Return a function without arguments that runs the method and returns the states (2n, K) at the K times.
-
-        Everything else is prepared in advance, so that a timing measures the run only.
-        """
+        """Return a prepared function that runs the method and returns states (2n, K), so that only the run is timed."""
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
         flow = Flow(
@@ -283,28 +277,22 @@ def race_settings(
     )
 
 
-def _sizes(what: str, sizes: Any) -> tuple[float, ...]:
-    """Return a checked list of positive numbers, without duplicates.
-
-    Raises StatementError for anything else; its message calls the list `what`.
-    """
-    listed = None if isinstance(sizes, (str, bytes)) else entries(sizes, what)
+def _sizes(label: str, sizes: Any) -> tuple[float, ...]:
+    """Return a checked list of distinct positive numbers. Raises StatementError for anything else."""
+    listed = None if isinstance(sizes, (str, bytes)) else entries(sizes, label)
     if listed is None:
-        raise StatementError(f"{what} is {shown(sizes)}: give a list of positive numbers, such as [1e-6, 1e-9].")
-    numbers = [real_number(x, f"an entry of {what}") for x in listed]
+        raise StatementError(f"{label} is {shown(sizes)}: give a list of positive numbers, such as [1e-6, 1e-9].")
+    numbers = [real_number(x, f"an entry of {label}") for x in listed]
     wrong = [x for x in numbers if x <= 0]
     if wrong:
-        raise StatementError(f"{what} contains {wrong[0]:g}: give positive numbers, such as 1e-6.")
+        raise StatementError(f"{label} contains {wrong[0]:g}: give positive numbers, such as 1e-6.")
     if not numbers:
-        raise StatementError(f"{what} is empty: give at least one positive number, such as 1e-6.")
+        raise StatementError(f"{label} is empty: give at least one positive number, such as 1e-6.")
     return tuple(dict.fromkeys(numbers))
 
 
 def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
-    """Return pairs (distinct label, method) for names or instances; None means the default methods.
-
-    A name that occurs again gets a number as suffix.
-    """
+    """Return pairs (label, method) for names or instances, None for the defaults. Repeated names get a number."""
     if methods is None:
         chosen: list[Any] = list(RACED)
     else:

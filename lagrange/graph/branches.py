@@ -62,10 +62,7 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
 
 
 def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node]]:
-    """Return each argument of a node with the condition under which it is read.
-
-    `when` is the condition under which the node itself is read.
-    """
+    """Return each argument of a node with the condition under which it is read; `when` is that of the node."""
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":

@@ -69,52 +69,47 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
     return lambda node: table.get(node, node.graph.zero)
 
 
-def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
-    """Add the tangent of a node to `table` {node: tangent}, which has the tangents of its arguments.
-
-    For one unknown of a linear solve, the tangents of all its unknowns are added.
-    """
+def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
+    """Add the tangent of a node to `tangents`, or of all unknowns of a linear solve."""
     graph = node.graph
     if node.kind is Kind.COMPONENT:
-        _push_component(node, table)
+        _push_component(node, tangents)
     elif _is_choice(node):
-        table[node] = _branchwise(node, [table.get(value, graph.zero) for value in _values(node)])
+        tangents[node] = _branchwise(node, [tangents.get(value, graph.zero) for value in _values(node)])
     elif node.kind is Kind.SUM:
         coefficients = node.data[1]
-        table[node] = graph.sum([(c, table[a]) for c, a in zip(coefficients, node.args, strict=True) if a in table])
+        tangents[node] = graph.sum(
+            [(c, tangents[a]) for c, a in zip(coefficients, node.args, strict=True) if a in tangents]
+        )
     elif node.kind in PARTIALS:
-        moving = [(table[node.args[i]], partial) for i, partial in PARTIALS[node.kind](node) if node.args[i] in table]
-        table[node] = graph.sum([(1, _chosen(tangent, partial, domains)) for tangent, partial in moving])
+        moving = [
+            (tangents[node.args[i]], partial) for i, partial in PARTIALS[node.kind](node) if node.args[i] in tangents
+        ]
+        tangents[node] = graph.sum([(1, _chosen(tangent, partial, domains)) for tangent, partial in moving])
 
 
-def _push_component(node: Node, table: dict[Node, Node]) -> None:
-    """Add the tangents dx of the solution of M x = b to `table`: M dx = db - dM x, solved with the same factors of M.
-
-    `node` is one component of x. `table` maps nodes to tangents.
-    """
+def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
+    """Add tangents dx of the solution of M x = b: M dx = db - dM x, with the same factors. `node` is one unknown."""
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]
     n = solution.data
     x = graph.components(solution)
     moved = []
     for i in range(n):
-        terms = [(1, table.get(right[i], graph.zero))]
+        terms = [(1, tangents.get(right[i], graph.zero))]
         for j in range(n):
             entry = factor.args[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]
-            if entry in table:
-                terms.append((-1, graph.product((table[entry], x[j]))))
+            if entry in tangents:
+                terms.append((-1, graph.product((tangents[entry], x[j]))))
         moved.append(graph.sum(terms))
     for unknown, tangent in zip(x, graph.solve_with(factor, moved), strict=True):
-        table[unknown] = tangent
+        tangents[unknown] = tangent
 
 
 def _sweep(
-    graph: Graph, output: Node, order: list[Node], mask: int, inner: Mapping[Node, Mapping[Node, Node]]
+    graph: Graph, output: Node, order: list[Node], mask: int, gradients_of_choices: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the adjoint of every symbol in the bit mask, by a reverse sweep over `order` (arguments first).
-
-    `inner` maps each choice to its gradient {symbol: derivative}.
-    """
+    """Return the adjoint of every symbol in the bit mask, by a reverse sweep over `order` (arguments first)."""
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
     domains = Domains()
@@ -124,8 +119,8 @@ def _sweep(
         adjoint = graph.sum(incoming.pop(node))
         if node.kind is Kind.SYMBOL:
             adjoints[node] = adjoint
-        elif node in inner:
-            for symbol, partial in inner[node].items():
+        elif node in gradients_of_choices:
+            for symbol, partial in gradients_of_choices[node].items():
                 incoming.setdefault(symbol, []).append((1, _chosen(partial, adjoint, domains)))
         elif node.kind is Kind.SUM:
             for coefficient, arg in zip(node.data[1], node.args, strict=True):
@@ -152,10 +147,7 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return a choice (piecewise, min, max) with its values replaced by their derivatives.
-
-    The result is undefined where the choice is undefined.
-    """
+    """Return a choice (piecewise, min, max) with derivatives for values; undefined where the choice is."""
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]
@@ -163,10 +155,7 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
 
 
 def _chosen(derivative: Node, factor: Node, domains: Domains) -> Node:
-    """Return derivative * factor.
-
-    If the factor may be infinite, it multiplies only the nonzero branches of a choice.
-    """
+    """Return derivative * factor. A factor that may be infinite multiplies only the nonzero branches of a choice."""
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
     if not choice or not domains.limited(factor):

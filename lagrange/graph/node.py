@@ -338,10 +338,7 @@ class Graph:
         return self._intern(Kind.CALL, args, name)
 
     def piecewise(self, branches: Sequence[tuple[Node, Node]], otherwise: Node | None = None) -> Node:
-        """Return the value of the first branch (condition, value) that holds, `otherwise` if none does.
-
-        Without `otherwise` the value is undefined (NaN) if no condition holds.
-        """
+        """Return the value of the first branch (condition, value) that holds, else `otherwise`, by default NaN."""
         last = self.call("nan") if otherwise is None else otherwise
         if all(value is last for _, value in branches):
             return last
@@ -392,10 +389,7 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    """Return True if a product keeps this factor as it is.
-
-    Constants, scaled nodes and short products are taken apart.
-    """
+    """Return True if a product keeps this factor. Constants, scaled nodes and short products are taken apart."""
     short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
     return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
 

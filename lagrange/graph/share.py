@@ -78,10 +78,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return the split by `part` of a sum with these terms {node: coefficient}, or None if `part` is not in the sum.
-
-    A multiple of `part` counts as well.
-    """
+    """Return the split of a sum {node: coefficient} by a multiple of `part`, or None if that is not in the sum."""
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

@@ -41,18 +41,15 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray
 
 
-def runge_lenz(stated: StatedAlgebra, place: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of the Runge-Lenz vector if the only force is that of a potential k/|r|; else nothing.
-
-    `place` is the position of the single body.
-    """
+def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
+    """Yield (name, component) of the Runge-Lenz vector of a body in a potential k/|r| alone; else nothing."""
     statement = stated.statement
-    if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not place.rest:
+    if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not body.rest:
         return
-    for distance in _distances(stated, place):
-        strength = _strength(stated, place, distance)
+    for distance in _distances(stated, body):
+        strength = _strength(stated, body, distance)
         if strength is not None:
-            yield from _components(stated, place, strength, distance)
+            yield from _components(stated, body, strength, distance)
             return
 
 
@@ -76,16 +73,13 @@ def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
 
 
 def _components(
-    stated: StatedAlgebra, place: BodyPosition, strength: Any, distance: Any
+    stated: StatedAlgebra, body: BodyPosition, k_of_force: Any, length_of_r: Any
 ) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of p x L - mass k r/|r|, where p x L is mass^2 (r v^2 - v (r . v)).
-
-    `strength` is k, and `distance` the expression of |r|.
-    """
-    r, v = Matrix(place.r), Matrix(place.v)
+    """Yield (name, component) of p x L - mass k r/|r|, where p x L is mass^2 (r v^2 - v (r . v))."""
+    r, v = Matrix(body.r), Matrix(body.v)
     square, along = v.dot(v), r.dot(v)
-    for k, axis in enumerate("xyz"[: len(place.r)]):
-        whole = place.mass**2 * (r[k] * square - v[k] * along) - place.mass * strength * r[k] / distance
+    for k, axis in enumerate("xyz"[: len(body.r)]):
+        whole = body.mass**2 * (r[k] * square - v[k] * along) - body.mass * k_of_force * r[k] / length_of_r
         yield f"Runge-Lenz vector {axis}", stated.algebra.merge_angles(stated.algebra.read(whole))
 
 
@@ -428,10 +422,7 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameter
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
-    """Return, for each conserved quantity by name, the largest sum of the magnitudes of its terms.
-
-    It is a scale for drifts, since the quantity itself may be zero up to rounding. States y are (2n, N), times t (N,).
-    """
+    """Return the largest sum of magnitudes of the terms of each conserved quantity, by name: a scale for drifts."""
     quantities = conserved_quantities(model)
     if not quantities or not len(t):
         return {}

@@ -122,10 +122,7 @@ class _Problem:
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 
     def steady(self, rates: Any) -> dict[Any, Any]:
-        """Return the user's steady velocities as {velocity symbol: value}.
-
-        Raises StatementError for invalid `rates`.
-        """
+        """Return the user's steady velocities by symbol. Raises StatementError for invalid `rates`."""
         if rates is None:
             return {}
         if not isinstance(rates, Mapping):

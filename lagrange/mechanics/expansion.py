@@ -64,10 +64,7 @@ class StatedPoint:
 
     @cached_property
     def table(self) -> dict[Any, Any]:
-        """Replacement of coordinates, velocities and inputs by their values.
-
-        For a point in decimals it also replaces the parameters.
-        """
+        """Values of coordinates, velocities and inputs by symbol; for a point in decimals also of the parameters."""
         values = self.numbers if self.decimal else {}
         return {
             **dict(zip(self.form.q, (x.xreplace(values) for x in self.q), strict=True)),
@@ -156,10 +153,7 @@ class StatedPoint:
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
-    """Return the statement, the point and the inputs, with each input function of time replaced by a parameter.
-
-    Raises StatementError if energies or forces contain derivatives of an input.
-    """
+    """Return statement, point and inputs with parameters for input functions. Refuses derivatives of an input."""
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
     named = [label_of(one) for one in ([inputs] if listed is None else listed)]
     table: dict[Any, Any] = {}

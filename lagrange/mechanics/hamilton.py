@@ -71,10 +71,7 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return adjugate and determinant of a block of the mass matrix, for coordinates with the indices `block`.
-
-    Raises StatementError if the block is singular.
-    """
+    """Return adjugate and determinant of a block of the mass matrix. Raises StatementError if it is singular."""
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
         raise StatementError(

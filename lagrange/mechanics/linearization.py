@@ -131,10 +131,7 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def _inverse(self) -> Any:
-        """Inverse of the mass matrix M, or of the damping matrix C if `first_order`.
-
-        Raises StatementError if that matrix is singular at the point.
-        """
+        """Inverse of M, or of C if `first_order`. Raises StatementError if that matrix is singular at the point."""
         matrix, what = (self.C, "damping matrix C") if self.first_order else (self.M, "mass matrix")
         shortener = Shortener("the inverse of the " + what, vanishes_in_symbols)
         try:
@@ -159,10 +156,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 
 def linearized_at(point: StatedPoint) -> Linearization:
-    """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there.
-
-    `System.linearize` describes the arguments.
-    """
+    """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there."""
     statement, parts = point.form.statement, expansion(point)
     if any(x.has(sympy.Float) for x in (statement.lagrangian, statement.dissipation, *statement.forces)):
         parts = parts.in_decimals()
@@ -197,12 +191,10 @@ def _at(point: StatedPoint) -> Mapping[Any, Any]:
     return MappingProxyType(places | speeds | dict(point.inputs))
 
 
-def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
-    """Return a sentence on the expansion point: an equilibrium, a steady motion, or neither.
-
-    `left` are the unbalanced forces along the coordinates `names`. `balanced` is true if these forces are zero,
-    `steady` if the point is at rest or in a steady motion.
-    """
+def _note(
+    point: StatedPoint, unbalanced: Sequence[Any], names_of_forces: Sequence[str], balanced: bool, steady: bool
+) -> str:
+    """Return a sentence on the point: an equilibrium, a steady motion, or the unbalanced forces by name."""
     form = point.form
     if balanced and steady:
         on_constraints = " on the constraints" if form.statement.constraints else ""
@@ -212,7 +204,7 @@ def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balance
         return f"Away from equilibrium: {moving} moves, and the matrices hold at this instant."
     parts = [
         f"{formula(form.written(force), 80)} on {name}"
-        for name, force in zip(names, left, strict=True)
+        for name, force in zip(names_of_forces, unbalanced, strict=True)
         if not point.is_zero(force, ())
     ]
     return f"Away from equilibrium: the forces left are {listing(parts)}, and the matrices hold at this instant."
@@ -226,10 +218,7 @@ INPUT_ERROR = 1e-5
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
-    """Compare a linearization with the compiled model, at the parameter values and at random ones.
-
-    Raises RunError if they differ.
-    """
+    """Raise RunError if a linearization differs from the compiled model, at stated or random parameters."""
     statement = point.form.statement
 
     def at_point(sample: SamplePoint) -> tuple[Any, Any]:
@@ -387,10 +376,7 @@ class AtPoint(Shortened):
         return [[column(node) for column in columns] for node in listed]
 
     def rates(self, rows: Rows) -> list[list[Node]]:
-        """Return the total time derivatives of nodes in q, v and t.
-
-        Velocities that are zero at the point are left out.
-        """
+        """Return the total time derivatives of nodes in q, v and t, without velocities that are zero at the point."""
         e = self.equations
         motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
         moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}

@@ -162,10 +162,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
 
 
 def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
-    """Compare symbolic roots with numerical eigenvalues. Raises RunError if a root is not an eigenvalue.
-
-    `values` are the numbers for the symbols; None means arbitrary distinct numbers.
-    """
+    """Raise RunError if a symbolic root is not an eigenvalue, at the values of the symbols or at arbitrary ones."""
     values = _values_of(lin.M, lin.C, lin.K) if values is None else values
     numbers = eigenvalues(lin, values)
     for root in roots:
@@ -244,10 +241,7 @@ def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | No
 
 
 def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of one factor, or None if its degree is above two; `plain` and `even` are as in `_roots`.
-
-    The highest coefficient comes first.
-    """
+    """Return the roots of one factor, highest coefficient first; None if its degree is above two. See `_roots`."""
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])
@@ -371,10 +365,7 @@ def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
 
 
 def _column(vector: Any) -> Any:
-    """Return a shape scaled so that its largest entry, or the first of several, is 1.
-
-    It is real if all imaginary parts are rounding errors.
-    """
+    """Return a shape whose largest entry is 1, real if all imaginary parts are rounding errors."""
     sizes = np.abs(vector)
     scaled = vector / vector[int(np.argmax(sizes >= 0.999 * sizes.max()))]
     if np.abs(scaled.imag).max() < SMALL:

@@ -165,10 +165,7 @@ RESIDUAL = 1e-20
 
 
 def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
-    """Return True if an expression in plain symbols is zero at random states, times and values of the parameters.
-
-    If it has values at too few of these samples, SymPy decides. `kinds` are the kinds of samples.
-    """
+    """Return True if an expression is zero at random samples of these kinds; with too few values SymPy decides."""
     if given == 0:
         return True
     points = random_points(form.statement, seed=7, kinds=kinds)
@@ -231,10 +228,7 @@ class Shortener:
         return sympy.S.Zero if self.vanishes(given) else simplest(given)
 
     def solved(self, matrix: Any, right: Any) -> Any:
-        """Return X with `matrix` X = `right`, by elimination with the shortest pivot of each column.
-
-        Raises ZeroDivisionError for a singular matrix.
-        """
+        """Return X with matrix X = right, by elimination with short pivots. Raises ZeroDivisionError if singular."""
         m, short = matrix.rows, self.short
         wide = sympy.Matrix.hstack(matrix, right)
         for j in range(m):

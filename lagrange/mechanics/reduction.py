@@ -197,10 +197,7 @@ def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
 
 
 def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
-    """Return the expression of a coordinate, in plain symbols, that solves a constraint.
-
-    None if the constraint does not have exactly one solution for every state.
-    """
+    """Return the expression of a coordinate that solves a constraint, in plain symbols; None if not exactly one."""
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
     zero = constraint.expression.xreplace(plain)
@@ -273,16 +270,13 @@ def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
     return bool(constraint.expression.has(q))
 
 
-def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the first of the constraints `held` that determines the coordinate `name`, and its expression.
-
-    Raises StatementError if none of them does.
-    """
-    for constraint in held:
+def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
+    """Return the first constraint that determines a coordinate, and its expression. Raises StatementError."""
+    for constraint in constraints:
         solution = _solution(constraint, name, statement)
         if solution is not None:
             return constraint, solution
-    raise StatementError(_refusal(held, name, statement))
+    raise StatementError(_refusal(constraints, name, statement))
 
 
 def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str:

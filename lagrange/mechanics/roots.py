@@ -42,10 +42,7 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return all real solutions {unknown: value} of equations e = 0, or None if they cannot be solved in symbols.
-
-    Unknowns with arbitrary values are absent from a solution.
-    """
+    """Return all real solutions {unknown: value} of equations e = 0, without arbitrary unknowns; None if not solved."""
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
@@ -70,12 +67,9 @@ def _is_complex(given: Any) -> bool:
 
 
 def _follow(
-    equations: Sequence[Any], unknowns: tuple[Any, ...], values: dict[Any, Any], left: list[int]
+    equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions of the remaining equations, each combined with the known `values`.
-
-    `left` is a list of one number: how many branches may still be followed. Raises GivenUpError.
-    """
+    """Return the solutions of the remaining equations, with the known values; `left` is [branches left]."""
     remaining = []
     for equation in equations:
         numerator = sympy.numer(sympy.together(simplest(equation)))
@@ -87,7 +81,7 @@ def _follow(
             raise GivenUpError
         remaining.append(numerator)
     if not remaining:
-        return [values]
+        return [known_values]
     for equation in sorted(remaining, key=lambda e: (sum(e.has(x) for x in unknowns), size(e))):
         steps = _steps(equation, unknowns)
         if steps is None:
@@ -98,12 +92,12 @@ def _follow(
             if left[0] < 0:
                 raise GivenUpError
             put = {unknown: value}
-            earlier = {x: simplest(known.xreplace(put)) for x, known in values.items()}
+            earlier = {x: simplest(known.xreplace(put)) for x, known in known_values.items()}
             others = [e.xreplace(put) for e in remaining if e is not equation]
             rest = tuple(x for x in unknowns if x != unknown)
             solutions += _follow(others, rest, {**earlier, **put}, left)
         return solutions
-    return _together(remaining, unknowns, values)
+    return _together(remaining, unknowns, known_values)
 
 
 def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
@@ -222,11 +216,8 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
     return values
 
 
-def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[Any, Any]) -> list[dict[Any, Any]]:
-    """Return the solutions of polynomial equations of low degree, by Groebner bases. Raises GivenUpError.
-
-    Each is combined with the known `values`.
-    """
+def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: dict[Any, Any]) -> list[dict[Any, Any]]:
+    """Return the solutions of polynomial equations of low degree, with the known values. Raises GivenUpError."""
     present = [x for x in unknowns if any(e.has(x) for e in equations)]
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
@@ -237,15 +228,12 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[An
     for solution in sympy.solve(list(equations), present, dict=True):
         if len(solution) != len(present) or any(x.has(*present) or _is_tangled(x) for x in solution.values()):
             raise GivenUpError
-        solutions.append({**values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
+        solutions.append({**known_values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
     return solutions
 
 
 def _is_binomial(equation: Any, x: Any) -> bool:
-    """Return True if every factor has degree at most two in x, or is a x^n + b.
-
-    Formulas for real roots of other cubics contain complex numbers.
-    """
+    """Return True if each factor has degree at most two, or is a x^n + b: other real roots contain complex numbers."""
     factors = [sympy.Poly(factor, x) for factor, _ in sympy.factor_list(equation, x)[1] if factor.has(x)]
     return all(len(factor.terms()) <= 2 or factor.degree() <= 2 for factor in factors)
 
@@ -314,15 +302,12 @@ def numeric_roots(
     return sorted(ends, key=lambda end: [round(float(value), 6) for value in end])
 
 
-def _starts(start: FloatArray, turning: Any, scale: FloatArray, helpers: int) -> FloatArray:
-    """Return starting points (k + helpers, STARTS): `start`, zero, and random points of several magnitudes.
-
-    `turning` is true for angles. `scale` are the magnitudes of the unknowns.
-    """
+def _starts(start: FloatArray, is_angle: Any, magnitudes: FloatArray, helpers: int) -> FloatArray:
+    """Return starting points (k + helpers, STARTS): `start`, zero, and random points of several magnitudes."""
     draw, k = np.random.default_rng(0), len(start)
-    sizes = scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
+    sizes = magnitudes[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
     turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
-    starts = np.where(turning[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
+    starts = np.where(is_angle[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
     starts[:, 0], starts[:, 1] = start, 0.0
     return np.vstack([starts, np.zeros((helpers, STARTS))])
 
@@ -351,11 +336,8 @@ class _NumericEquations:
         rows = doubles([*self.values, *self.slopes], dict(zip(self.symbols, x, strict=True)), columns)
         return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)
 
-    def newton(self, x: FloatArray, scale: FloatArray) -> tuple[FloatArray, Any]:
-        """Return the end points of Newton's method from x (k, N), and True for each that converged, (N,).
-
-        A step is at most as long as `scale` (k,).
-        """
+    def newton(self, x: FloatArray, longest: FloatArray) -> tuple[FloatArray, Any]:
+        """Return end points of Newton's method from x (k, N), steps at most `longest` (k,), and convergence (N,)."""
         good, limit = np.zeros(x.shape[1], dtype=bool), 0.0
         for _ in range(NEWTON_STEPS):
             r, slopes = self.at(x)
@@ -369,6 +351,6 @@ class _NumericEquations:
             good = sound & short & (np.abs(r).max(axis=0) <= limit)
             if good.all():
                 break
-            largest = np.abs(step / scale[:, None]).max(axis=0)
+            largest = np.abs(step / longest[:, None]).max(axis=0)
             x = x - step * np.minimum(1.0, 1.0 / np.maximum(largest, 1e-300))
         return x, good

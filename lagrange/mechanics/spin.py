@@ -109,12 +109,9 @@ class _InTurns(Shortened):
             abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.short(each) == 0 for each in given
         )
 
-    def slopes(self, leaves: Sequence[Any], more: Mapping[Any, Any]) -> Any:
-        """Return the derivatives of the residuals by some leaves at the point, (n, number of leaves).
-
-        `more` has values of leaves that have none at the point, such as accelerations.
-        """
-        rows = [[self.value(law.diff(self.symbols[leaf]), more) for leaf in leaves] for law in self.laws]
+    def slopes(self, leaves: Sequence[Any], more_values: Mapping[Any, Any]) -> Any:
+        """Return the derivatives of the residuals by leaves at the point, with values of leaves that lack one there."""
+        rows = [[self.value(law.diff(self.symbols[leaf]), more_values) for leaf in leaves] for law in self.laws]
         return sympy.Matrix(self.n, len(leaves), list(chain(*rows)))
 
     def changes(self, expression: Any) -> list[Any]:
@@ -144,10 +141,7 @@ class _InTurns(Shortened):
         )
 
     def constrain(self) -> None:
-        """Set the gradients of the constraints, in `symbols`, and the independent coordinates and velocities.
-
-        Raises StatementError for a point that is not on the constraints.
-        """
+        """Set gradients, independent coordinates and velocities. Raises StatementError off the constraints."""
         held = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
         places, speeds = [phi for c, phi in held if c.holonomic], [self.symbols[v] for v in self.velocities]
         self.levels = [
@@ -212,22 +206,16 @@ class _InTurns(Shortened):
         g_rate, p_rate, phi_rate = (self.rates(each, self.accelerations) for each in (G, P, Phi))
         return TangentMotion(self.speeds, self.places, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
 
-    def swirl(self, column: Any) -> Any:
-        """Return the matrix W (n, n) whose product with x is the cross product of w and x, for each body.
-
-        `column` has w in the rows of the turns.
-        """
+    def swirl(self, rates_column: Any) -> Any:
+        """Return the matrix W (n, n) of the cross product w x for each body, with w in the rows of its turns."""
         made = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
-            made[first : first + 3, first : first + 3] = cross_matrix(column[first : first + 3])
+            made[first : first + 3, first : first + 3] = cross_matrix(rates_column[first : first + 3])
         return made
 
-    def stiffness(self, more: Mapping[Any, Any]) -> Any:
-        """Return the derivatives of the residuals by coordinates and along turns at the point, (n, n).
-
-        `more` has the accelerations and multipliers.
-        """
-        rows = [[self.value(change, more) for change in self.changes(law)] for law in self.laws]
+    def stiffness(self, motion_values: Mapping[Any, Any]) -> Any:
+        """Return the derivatives of the residuals by coordinates and along turns at the point, (n, n)."""
+        rows = [[self.value(change, motion_values) for change in self.changes(law)] for law in self.laws]
         return sympy.Matrix(self.n, self.n, list(chain(*rows)))
 
     def linearization(self) -> Linearization:
@@ -261,10 +249,7 @@ class _InTurns(Shortened):
         )
 
     def compare(self, found: Linearization, model: Model) -> None:
-        """Raise RunError if accelerations of the compiled model near the point differ from those of the linearization.
-
-        Parameters have their stated values. Nothing is compared if a value is missing.
-        """
+        """Raise RunError if accelerations near the point differ from the compiled ones, at the stated parameters."""
         statement = self.statement
         if any(p not in statement.defaults for p in statement.parameters if p not in self.inputs):
             return

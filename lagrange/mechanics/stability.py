@@ -69,10 +69,7 @@ def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] |
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
-    """Return the matrix A (2n, 2n) of d/dt [x, v] = A [x, v], where M dv/dt + C v + K x = 0.
-
-    All matrices are numeric. Raises StatementError for a singular mass matrix.
-    """
+    """Return A of d/dt [x, v] = A [x, v], where M dv/dt + C v + K x = 0. Raises StatementError if M is singular."""
     n = mass.shape[0]
     try:
         lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
@@ -118,12 +115,9 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
     return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
 
 
-def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
-    """Return a verdict that holds for all values of the parameters, from signs that SymPy can prove.
-
-    `gone` are the indices of the ignorable coordinates.
-    """
-    minors = criterion(lin, gone)
+def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...]) -> Verdict:
+    """Return a verdict for all values of the parameters, from signs that SymPy can prove."""
+    minors = criterion(lin, ignorable_rows)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
     if any(minor.is_nonpositive for minor in minors[:-1]) or (minors and minors[-1].is_zero):

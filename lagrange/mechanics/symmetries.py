@@ -70,11 +70,7 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant diagonal entry of M, which belongs to a length.
-
-    None if there is no such entry, or if M is not diagonal. M is diagonal for all PLACINGS, so this excludes most
-    systems.
-    """
+    """Return the mass of a single body: the first constant entry of a diagonal M. None if there is none."""
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
         return None
@@ -127,19 +123,14 @@ def oriented(
     return Symmetry(tuple(-xi for xi in symmetry.xi), -symmetry.tau, -symmetry.gauge), name
 
 
-def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition) -> tuple[str, int] | None:
-    """Return (name, sense 1 or -1) of a rotation about a fixed axis or a shift along one; None for other symmetries.
-
-    The name is such as "angular momentum z".
-    """
-    moved = Matrix(
-        [sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in place.r]
-    )
+def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tuple[str, int] | None:
+    """Return (name, sense 1 or -1) of a rotation about an axis, or a shift along one; None for other symmetries."""
+    moved = Matrix([sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in body.r])
     for k, axis in enumerate("xyz"):
         unit = Matrix([int(j == k) for j in range(3)])
-        turned = list(unit.cross(Matrix([*place.r, *([0] * (3 - len(place.r)))])))
+        turned = list(unit.cross(Matrix([*body.r, *([0] * (3 - len(body.r)))])))
         for name, displacement in ((f"angular momentum {axis}", turned), (f"momentum {axis}", list(unit))):
-            if any(displacement[len(place.r) :]):
+            if any(displacement[len(body.r) :]):
                 continue
             for sense in (1, -1):
                 if all(_same(stated, x, sense * y) for x, y in zip(moved, displacement, strict=False)):
@@ -272,10 +263,7 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return the symmetry with the gauge function F whose time derivative is its defect, or None if no F is found.
-
-        F is zero if the defect is zero at a random state.
-        """
+        """Return the symmetry with the gauge function F whose rate is its defect, or None if no F is found."""
         defect = self.defect(symmetry)
         if not self._differs(defect):
             return symmetry
@@ -287,10 +275,7 @@ class SymmetryEquation:
         return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt equal to the defect, or zero if no F is found.
-
-        The derivatives of F are the factors of the velocities in the defect. They are integrated one after the other.
-        """
+        """Return F(q, t) with dF/dt equal to the defect, zero if none is found. Its slopes are integrated in turn."""
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
         slopes = [algebra.merge_angles(algebra.differentiate(defect, v)) for v in stated.v]
@@ -373,10 +358,7 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts as candidates: of time, of each coordinate, and of several coordinates together.
-
-    Shifts together move the coordinates of one axis, such as x1 and x2, or all coordinates.
-    """
+    """Yield shifts of time, of each coordinate, of the coordinates of one axis, such as x1 and x2, and of all."""
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]

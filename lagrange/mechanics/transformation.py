@@ -215,13 +215,10 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     return (*map(float, q), *map(float, v))
 
 
-def _preference(end: FloatArray, angles: Sequence[bool]) -> tuple[int, float]:
-    """Return a sort key for solutions: those with positive lengths come first, then those with small values.
-
-    `angles` is true for coordinates that are angles, not lengths.
-    """
-    negative = sum(x < -START_RESIDUAL for x, angle in zip(end, angles, strict=True) if not angle)
-    return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
+def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, float]:
+    """Return a sort key for solutions: positive lengths first, then small values."""
+    negative = sum(x < -START_RESIDUAL for x, angle in zip(solution, is_angle, strict=True) if not angle)
+    return negative, round(float(np.abs(solution).sum()), 9) - 1e-10 * float(solution.sum() > 0)
 
 
 def _is_angle(change: Transformation, coordinate: Any) -> bool:
@@ -318,10 +315,7 @@ def _forces(change: Transformation) -> dict[Any, Any]:
 
 
 def _check(change: Transformation, made: Statement, model: Model) -> None:
-    """Compare the new momenta P = p dx/dq and forces F = f dx/dq + p dv/dq with those of the compiled model.
-
-    p and f are the momenta and forces in the old coordinates. Raises RunError if they differ.
-    """
+    """Raise RunError if the new momenta p dx/dq or forces f dx/dq + p dv/dq differ from the compiled ones."""
     old, form = change.statement, PlainForm(made)
     same = {change.plain[key]: form.plain[key] for q in made.coordinates for key in (q, velocity_of(q))}
     whole = [change.table[q].xreplace(same) for q in old.coordinates]

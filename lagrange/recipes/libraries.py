@@ -21,10 +21,7 @@ from lagrange.statement.expression import flag, one_of
 
 
 def missing(method: str, command: str, error: ImportError) -> StatementError:
-    """Return the error for a missing package. Its message names the package and `command`, which installs it.
-
-    `method` is the method of the model that needs the package.
-    """
+    """Return the error for a package that a method of the model needs; `command` installs the package."""
     package = command.rsplit(maxsplit=1)[-1]
     return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
 
@@ -81,10 +78,7 @@ class JaxFunction:
 
 
 def jax_function(model: Model, quantity: str) -> JaxFunction:
-    """Return a quantity as a function for JAX.
-
-    Raises StatementError without JAX, and if JAX computes in single precision.
-    """
+    """Return a quantity for JAX. Raises StatementError without JAX, or if JAX is in single precision."""
     program = quantity_program(model, quantity)
     try:
         import jax

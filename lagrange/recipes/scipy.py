@@ -33,10 +33,7 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 
 
 def input_functions(model: Model, given: Any) -> Inputs:
-    """Return the inputs of a model as functions of time, from the dict `given`.
-
-    Raises StatementError for an input that is missing or unknown.
-    """
+    """Return the inputs as functions of time. Raises StatementError for a missing or unknown input."""
     indices = {symbol.name: index for index, symbol in enumerate(model.statement.parameters)}
     names = [symbol.name for symbol, _ in model.statement.inputs]
     functions: dict[str, Callable[[float], Any]] = {}

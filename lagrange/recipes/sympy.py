@@ -160,10 +160,7 @@ class _Writer:
         return self.named(expression) if self.uses[i] > 1 and one.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return L U of a symmetric matrix (n, n) and the order of its rows; `lower` is its lower triangle by rows.
-
-        A pivot that is zero at every state is avoided by an exchange of rows.
-        """
+        """Return L U of a symmetric matrix, given by its lower triangle, and the order of rows with nonzero pivots."""
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
         for j in range(n):

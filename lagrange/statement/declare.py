@@ -162,10 +162,7 @@ def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
-    """Return the fields of `Statement` on given and undefined functions, and the names of undeclared coordinates.
-
-    `inferred` are the coordinates taken from the energies, empty if the user listed the coordinates.
-    """
+    """Return the fields of `Statement` on given and undefined functions; `inferred` are coordinates nobody declared."""
     return {
         "given": tuple(survey.given),
         "orders": tuple(survey.given.values()),
@@ -174,13 +171,12 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
     }
 
 
-def _parameters(given: Any, survey: Survey, taken: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[Any, Any]]:
-    """Return the fields of `Statement` on parameters, and {symbol: parameter} for other symbols of the same names.
-
-    `given` is the user's table of values. `taken` maps the names that are in use to their symbols.
-    """
-    values = table_of(given, "parameters", "parameter to value")
-    symbols, unify = parameter_symbols(survey, values, {**taken, **{name_of(f): f for f in survey.given}})
+def _parameters(
+    stated_values: Any, survey: Survey, taken_names: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[Any, Any]]:
+    """Return the fields of `Statement` on parameters, and {symbol: parameter} for symbols of the same names."""
+    values = table_of(stated_values, "parameters", "parameter to value")
+    symbols, unify = parameter_symbols(survey, values, {**taken_names, **{name_of(f): f for f in survey.given}})
     defaults = MappingProxyType(default_values(values, symbols))
     return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
@@ -244,10 +240,7 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
 
 
 def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
-    """Return (T, V, L) with shorthands replaced, and add them to the survey.
-
-    A system given by L alone has T = L and V = 0.
-    """
+    """Return (T, V, L) with shorthands replaced, and survey them. A system given by L alone has T = L and V = 0."""
     full = {name: in_full(energy) for name, energy in typed.items()}
     if "lagrangian" in full:
         survey.add(full["lagrangian"], "the Lagrangian")
@@ -282,10 +275,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Itera
 
 
 def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
-    """Yield the coordinates on which forces act, and those whose velocities the dissipation contains.
-
-    A state of first order, such as a current, may occur only there and in no energy.
-    """
+    """Yield coordinates that occur in no energy, but have a force or a velocity in the dissipation, as a current."""
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
         if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None and not is_shorthand(q):
@@ -521,10 +511,7 @@ def _typed_zeros(given: Any) -> dict[str, Any]:
 
 
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints of the expressions `zeros` by name, and add their symbols and functions to the survey.
-
-    Raises StatementError for an expression that contains no coordinate.
-    """
+    """Return the constraints of expressions by name, and survey them. Refuses an expression without a coordinate."""
     constraints = []
     for name, typed in zeros.items():
         what, zero, leaves = f"constraint {name!r}", in_full(typed), Survey()

@@ -108,15 +108,12 @@ def _dotted(rate: Any) -> str:
     return f"{name_of(rate.expr)}.{'d' * rate.derivative_count}ot"
 
 
-def _no_rate(what: str, part: str, told: Any, kind: str, example: str) -> StatementError:
-    """Return the error for a part of an angular velocity that is not a rate.
-
-    Its sentence is: `what` `part` `told`, `kind`: give its rate, `example`.
-    """
-    plain = {rate: sympy.Symbol(_dotted(rate)) for rate in told.atoms(sympy.Derivative)}
-    plain |= {q: sympy.Symbol(name_of(q)) for q in told.atoms(AppliedUndef)}
+def _no_rate(what: str, verb: str, term: Any, kind: str, example: str) -> StatementError:
+    """Return the error for an angular velocity that is not a rate: "`what` `verb` `term`, `kind`: give its rate"."""
+    plain = {rate: sympy.Symbol(_dotted(rate)) for rate in term.atoms(sympy.Derivative)}
+    plain |= {q: sympy.Symbol(name_of(q)) for q in term.atoms(AppliedUndef)}
     return StatementError(
-        f"{what} {part} {formula(told.xreplace(plain), 60)}, {kind}: give its rate, {example}. {TAKEN}"
+        f"{what} {verb} {formula(term.xreplace(plain), 60)}, {kind}: give its rate, {example}. {TAKEN}"
     )
 
 

@@ -202,10 +202,7 @@ def _with_gaps(one: Event, statement: Statement) -> Event:
 
 
 def _either_way(given: Any) -> Event:
-    """Return the event of a bare expression, for its rising and falling zeros.
-
-    Equal expressions give the same object, because caches have events as keys.
-    """
+    """Return the event of a bare expression. Equal expressions give the same object, a key of caches."""
     return _kept(given) if isinstance(given, sympy.Expr) else event(given)
 
 

@@ -121,10 +121,7 @@ class Survey:
 
 
 def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
-    """Yield each distinct subexpression that is not in `seen`, parents first, and enter it there.
-
-    Coordinates and their derivatives are not divided further.
-    """
+    """Yield each distinct subexpression not in `seen`, parents first, and enter it. Derivatives are not divided."""
     stack = [expression]
     while stack:
         node = stack.pop()

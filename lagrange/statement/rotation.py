@@ -304,10 +304,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
 
 @lru_cache(maxsize=256)
 def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
-    """Return (rotation, rows of its quaternion in a state (q, v), rows of the quaternion's velocities), in a list.
-
-    Cached: SymPy takes 20 us for each comparison of coordinates.
-    """
+    """Return (rotation, rows of its quaternion in a state (q, v), rows of its velocities). Cached: SymPy is slow."""
     quaternions = []
     for each in _rotations_of(coordinates):
         rows = [coordinates.index(q) for q in each.quaternion]
@@ -466,10 +463,7 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
-    """Return sentences on a rotation for a derivation: its entries, rates, small turns, and its initial quaternion.
-
-    `values` are the initial values by coordinate.
-    """
+    """Return sentences on a rotation: its entries, rates, small turns, and the quaternion in the initial `values`."""
     matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
@@ -480,19 +474,16 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
     )
 
 
-def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[Any, float]) -> tuple[float, ...]:
-    """Return the initial state (q, v) in the coordinates `places`, which have small turns in place of quaternions.
-
-    `values` are the initial values of the statement by coordinate and velocity. Turns start at zero.
-    """
-    start = dict(values)
+def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Mapping[Any, float]) -> tuple[float, ...]:
+    """Return the initial state (q, v) in `coordinates` with small turns, which start at zero, for quaternions."""
+    start = dict(initial)
     for each in map(rotation_of, names):
-        velocities = [values[velocity_of(entry)] for entry in each.quaternion]
-        rates = body_rates([values[entry] for entry in each.quaternion], velocities)
+        velocities = [initial[velocity_of(entry)] for entry in each.quaternion]
+        rates = body_rates([initial[entry] for entry in each.quaternion], velocities)
         start |= dict.fromkeys(each.turns, 0.0)
         start |= {velocity_of(turn): rate for turn, rate in zip(each.turns, rates, strict=True)}
-    places = tuple(places)
-    return tuple(start[symbol] for symbol in (*places, *map(velocity_of, places)))
+    coordinates = tuple(coordinates)
+    return tuple(start[symbol] for symbol in (*coordinates, *map(velocity_of, coordinates)))
 
 
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
@@ -559,10 +550,7 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
-    """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
-
-    `values` are numbers by parameter. An inertia that contains anything else is not checked.
-    """
+    """Raise StatementError if the moments of inertia of a rotation break the triangle inequality at `values`."""
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):
         return

@@ -71,10 +71,7 @@ def _box() -> list[list[Place]]:
 
 
 def _circle(first: int, second: int) -> list[Place]:
-    """Return a circle of radius one in the plane of the axes `first` and `second`, as a closed list of points.
-
-    Entries are rounded to six digits.
-    """
+    """Return a closed circle of radius one in the plane of two axes. Entries are rounded to six digits."""
     corners = []
     for k in range(PARTS + 1):
         angle = 2 * math.pi * (k % PARTS) / PARTS

@@ -218,10 +218,7 @@ LETTER = "S"
 
 
 def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
-    """Return the statement with each table named as a function, such as S(x), and a sentence on each such function.
-
-    A statement without tables is returned unchanged.
-    """
+    """Return the statement with each table as a function, such as S(x), and a sentence on each such function."""
     expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
     expressions += tuple(constraint.expression for constraint in statement.constraints)
     nodes = [sorted(expression.atoms(sympy.Piecewise), key=sympy.default_sort_key) for expression in expressions]

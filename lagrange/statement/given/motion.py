@@ -76,10 +76,7 @@ _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return the argument of a spline and the table from which the spline was made, or None.
-
-    Only the most recently made tables are searched. `node` must equal the spline of one of them.
-    """
+    """Return the argument of a spline, and the table among the latest ones that it was made from; None without one."""
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
     return next(((bounds[0], table) for table in same if bounds and spline(table, 0, bounds[0]) == node), None)

@@ -76,10 +76,7 @@ class Guard:
 
 
 def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
-    """Yield the distinct subexpressions that are not in `known`, each after its own parts.
-
-    The caller enters each one in `known` before it takes the next.
-    """
+    """Yield the distinct subexpressions that are not in `known`, parts first. The caller enters each in `known`."""
     todo = [expression]
     while todo:
         node = todo[-1]

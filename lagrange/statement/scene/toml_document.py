@@ -220,10 +220,7 @@ class Document:
         return value
 
     def words(self, key: str) -> str:
-        """Return the text of a key on one line, empty if it is missing.
-
-        Raises SceneError for control characters, which a terminal would act on.
-        """
+        """Return the text of a key on one line, empty if it is missing. Refuses characters that control a terminal."""
         text = " ".join(self.text(key).split()) if key in self.data else ""
         if not text.isprintable():
             self.refuse(f"{key} contains a control character: write plain text.", key)

@@ -257,10 +257,7 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if a text that begins with a minus sign is a negative number, or a product that begins with one.
-
-    A definition has no sign, and neither has a sum such as -x + y.
-    """
+    """Return True if the minus sign of a text belongs to a number, or to a product that begins with a number."""
     if part.strength == ATOM:
         return False
     if isinstance(term, sympy.Number):

@@ -125,12 +125,9 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
 
 
 def check_dimensions(
-    parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
+    parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbols: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions of all symbols, known or inferred; `plain` maps functions to symbols for messages.
-
-    Raises StatementError that names the first wrong term.
-    """
+    """Return the dimensions of all symbols, known or inferred. Raises StatementError for the first wrong term."""
     known = {t: named("second"), **dimensions}
     _infer(parts, known)
     # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
@@ -141,8 +138,8 @@ def check_dimensions(
         try:
             _Checker(known).check(part.expression, part.wanted(known))
         except WrongTermError as wrong:
-            raise StatementError(_refusal(part, wrong, plain)) from None
-    return with_scales(parts, known, plain) if any(dimension.unit for dimension in dimensions.values()) else known
+            raise StatementError(_refusal(part, wrong, symbols)) from None
+    return with_scales(parts, known, symbols) if any(dimension.unit for dimension in dimensions.values()) else known
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
@@ -191,10 +188,7 @@ class _Checker(UnitEquations):
         return dimension
 
     def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum. Raises WrongTermError for a term with a wrong dimension.
-
-        If the terms differ, `wanted` is right if some term has it. Else the most frequent dimension is right.
-        """
+        """Return the dimension of a sum. It is `wanted` if some term has that, else the most frequent one."""
         dimensions = [(term, self._inside(term, wanted)) for term in expression.args]
         known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
         if not known:
@@ -237,10 +231,7 @@ class _Checker(UnitEquations):
             raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
 
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a product, after checking its factors.
-
-        A factor that is a sum of different dimensions must have `wanted` divided by the dimension of the other factors.
-        """
+        """Return the dimension of a product. A factor that mixes dimensions must have what `wanted` leaves for it."""
         for factor in expression.args:
             others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
@@ -352,14 +343,11 @@ def with_scales(
     return completed
 
 
-def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], term: Any) -> str:
-    """Return the remedy for a term in another unit: alternatives of the form "x in cm instead of m".
-
-    `term` is the term; its symbols come first.
-    """
+def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
+    """Return the remedy for a term in another unit, such as "x in cm instead of m". Its symbols are tried first."""
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term first: one of them is more often the wrong one.
-    stated.sort(key=lambda symbol: not term.has(symbol))
+    stated.sort(key=lambda symbol: not wrong_term.has(symbol))
     mended = [
         f"{label_of(symbol)} in {unit} instead of {dimensions[symbol].unit}"
         for symbol in stated[:MOST_TRIED]
