@@ -46,20 +46,13 @@ def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str,
     statement = stated.statement
     if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not body.rest:
         return
-    for distance in _distances(stated, body):
-        strength = _strength(stated, body, distance)
-        if strength is not None:
-            yield from _components(stated, body, strength, distance)
-            return
-
-
-def _strength(stated: StatedAlgebra, place: BodyPosition, distance: Any) -> Any:
-    """Return k if L = mass |v|^2 / 2 + k/|r|, or None if L has another form."""
     algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
-    strength = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
-    if any(algebra.free(k) & moving for monomial in strength for k, _ in monomial):
-        return None
-    return algebra.write(strength)
+    for distance in _distances(stated, body):
+        # L = mass |v|^2 / 2 + k/|r| if the other terms times |r| are a constant, k.
+        constant = algebra.merge_angles(algebra.multiply(body.rest, algebra.read(distance)))
+        if not any(algebra.free(k) & moving for monomial in constant for k, _ in monomial):
+            yield from _components(stated, body, algebra.write(constant), distance)
+            return
 
 
 def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
@@ -240,7 +233,9 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
         moved = Symmetry(xi, shift.get(t, S.Zero))
         symmetry = equation.completed(moved) or moved
         quantity = stated.show(equation.quantity(symmetry))
-        if _kept(model, symmetry) and equation.proven(symmetry):
+        # A symmetry that shifts time gives a conserved quantity only if the constraint forces do no work.
+        kept = symmetry.tau == 0 or model.equations.structure.workless
+        if kept and equation.proven(symmetry):
             check_constant(model, {"the quantity of this symmetry": quantity})
             return quantity
     except TooLargeError:
@@ -277,14 +272,6 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
             raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
         survey.require(known, what, f"; it has {listing(map(str, known))}.")
     return shift
-
-
-def _kept(model: Model, symmetry: Symmetry) -> bool:
-    """Return True if the constraints do not break the conservation law of a symmetry.
-
-    Either the symmetry does not shift time, or the constraint forces do no work.
-    """
-    return symmetry.tau == 0 or model.equations.structure.workless
 
 
 def _refusal(

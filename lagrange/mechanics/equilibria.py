@@ -13,7 +13,7 @@ import sympy
 
 from lagrange.errors import FAULT, RunError, StatementError, listing, shown
 from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
-from lagrange.mechanics.linearization import Linearization, linearized_at
+from lagrange.mechanics.linearization import linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
@@ -209,31 +209,25 @@ class _Problem:
                 self.check(values, numbers, exists=exists)
         decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()
         if exists is not False:
-            decided, minors = self.decided(point)
+            try:
+                lin = linearized_at(point)
+                decided = stability_of(lin, point)
+                minors = criterion(lin, self.free if not statement.constraints else ())
+            except StatementError as refusal:
+                decided = Verdict(stable=None, reason=str(refusal))
+        work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
         return Equilibrium(
             coordinates=MappingProxyType({key: form.written(x) for key, x in coordinates.items()}),
             velocities=MappingProxyType(speeds),
             stable=decided.stable,
             reason=decided.reason,
-            energy=self.energy(point),
+            energy=form.written(simplest((work - form.lagrangian).xreplace(point.table))),
             condition=condition,
             exists=exists,
             criterion=minors,
             exact=exact,
             statement=self.statement,
         )
-
-    def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:
-        """Return the verdict on stability and its criterion. If the linearization fails, its error is the reason."""
-        try:
-            lin = linearized_at(point)
-        except StatementError as refusal:
-            return Verdict(stable=None, reason=str(refusal)), ()
-        return stability_of(lin, point), self.minors(lin)
-
-    def minors(self, lin: Linearization) -> tuple[Any, ...]:
-        """Return the stability criterion: leading minors of the stiffness at fixed momenta."""
-        return criterion(lin, self.free if not self.statement.constraints else ())
 
     def principal(self, symbol: Any, value: Any) -> Any:
         """Return the value of an angle reduced to (-pi, pi] if the value is known; return any other value unchanged."""
@@ -269,12 +263,6 @@ class _Problem:
                 raise RunError(
                     f"an equilibrium of {self.statement.name} is wrong: a force of {left:.3g} is left. {FAULT}"
                 )
-
-    def energy(self, point: StatedPoint) -> Any:
-        """Return v.p - L at a point."""
-        form = self.form
-        work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
-        return form.written(simplest((work - form.lagrangian).xreplace(point.table)))
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
         """Return the sort key: existing equilibria first, then by energy if it has a value."""

@@ -34,16 +34,11 @@ def edges(given: Any) -> Sequence[Any]:
 def on_side(given: Any, edge: Any, sign: int) -> Any:
     """Return the formula of an expression on one side of a corner: the side on which `edge` has the sign 1 or -1."""
     table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
+    true = (">", ">=", "!=") if sign > 0 else ("<", "<=", "!=")
     for comparison in sorted(given.atoms(_COMPARED), key=str):
         if comparison.lhs - comparison.rhs == edge:
-            table[comparison] = _compared(comparison, sign)
+            table[comparison] = sympy.true if comparison.rel_op in true else sympy.false
     return given.xreplace(table)
-
-
-def _compared(one: Any, sign: int) -> Any:
-    """Return the truth of a comparison if left minus right side has the sign 1 or -1."""
-    above: Mapping[str, bool] = {">": sign > 0, ">=": sign > 0, "<": sign < 0, "<=": sign < 0, "!=": True}
-    return sympy.true if above.get(one.rel_op, False) else sympy.false
 
 
 ROUNDED_PIECES = 2.0**-40

@@ -19,9 +19,8 @@ from lagrange.mechanics.plain_form import (
     FORMULA_DIGITS,
     STATES,
     PlainForm,
-    fresh_name,
     is_zero,
-    names_of,
+    momentum_names,
     number,
     simplest,
     size,
@@ -323,20 +322,10 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
             "rotations. Use `momenta` and `energy`, or state the system with angles."
         )
     form = PlainForm(statement)
-    momenta = _momenta(statement)
-    transform = legendre(form, [sympy.Symbol(p.func.__name__, real=True) for p in momenta])
+    names = momentum_names(statement, statement.names)
+    transform = legendre(form, [sympy.Symbol(name, real=True) for name in names])
     _check(form, transform, model)
-    return _record(form, momenta, transform, made)
-
-
-def _momenta(statement: Statement) -> list[Any]:
-    """Return a function of time for each momentum, with a name that the statement does not use."""
-    taken = list(names_of(statement))
-    chosen = []
-    for name in statement.names:
-        taken.append(fresh_name(f"p_{name}"[:64], taken))
-        chosen.append(coordinate_of(taken[-1]))
-    return chosen
+    return _record(form, list(map(coordinate_of, names)), transform, made)
 
 
 def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
@@ -354,12 +343,15 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
         for q, force in zip(statement.coordinates, form.forces, strict=True)
     }
     pairs = list(zip(statement.coordinates, momenta, strict=True))
+    # Momenta have no initial values if a parameter has none.
+    initial = dict(zip(statement.coordinates, statement.initial, strict=False))
+    initial |= {p: x for p, x in zip(momenta, form.initial_momenta, strict=True) if x is not None}
     first_order = declare(
         lagrangian=sympy.Add(*(p * velocity_of(q) for q, p in pairs)) - energy,
         coordinates=[*statement.coordinates, *momenta],
         forces={q: force for q, force in forces.items() if force != 0},
         parameters={p: statement.defaults.get(p) for p in statement.parameters},
-        initial=_initial(form, momenta),
+        initial=initial,
         positions={
             name: tuple(stated(form.read(x).xreplace(in_momenta)) for x in point)
             for name, point in statement.positions.items()
@@ -377,14 +369,6 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
         statement=with_origin(first_order, statement),
         made=made,
     )
-
-
-def _initial(form: PlainForm, momenta: list[Any]) -> dict[Any, float]:
-    """Return the initial coordinates, and the initial momenta if all parameters have values."""
-    coordinates = form.statement.coordinates
-    start = dict(zip(coordinates, form.statement.initial[: len(coordinates)], strict=True))
-    pairs = zip(momenta, form.initial_momenta, strict=True)
-    return start | {symbol: value for symbol, value in pairs if value is not None}
 
 
 def _check(form: PlainForm, found: Legendre, model: Model) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy
@@ -157,38 +157,27 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 def linearized_at(point: StatedPoint) -> Linearization:
     """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there."""
-    statement, parts = point.form.statement, expansion(point)
+    statement, expanded = point.form.statement, expansion(point)
+    matrices, places, speeds = expanded.matrices, expanded.places, expanded.speeds
     if any(x.has(sympy.Float) for x in (statement.lagrangian, statement.dissipation, *statement.forces)):
-        parts = parts.in_decimals()
-    balanced = all(point.is_zero(x, parts.K) for x in parts.left)
-    moving = [k for k, i in enumerate(parts.places) if point.v[i] != 0]
-    rows = [k for k, i in enumerate(parts.speeds) if point.v[i] != 0]
-    steady = all(point.is_zero(x, ()) for k in moving for x in parts.K[:, k])
-    steady = steady and all(point.is_zero(x, ()) for k in rows for x in parts.K[k, :])
+        matrices = {name: matrix.applyfunc(in_decimals) for name, matrix in matrices.items()}
+    K = matrices["K"]
+    balanced = all(point.is_zero(x, K) for x in expanded.unbalanced)
+    moving = [k for k, i in enumerate(places) if point.v[i] != 0]
+    rows = [k for k, i in enumerate(speeds) if point.v[i] != 0]
+    steady = all(point.is_zero(x, ()) for k in moving for x in K[:, k])
+    steady = steady and all(point.is_zero(x, ()) for k in rows for x in K[k, :])
+    velocities = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
     return Linearization(
-        coordinates=tuple(statement.coordinates[i] for i in parts.places),
-        velocity_coordinates=tuple(statement.coordinates[i] for i in parts.speeds),
-        at=_at(point),
-        M=parts.M,
-        C=parts.C,
-        K=parts.K,
+        coordinates=tuple(statement.coordinates[i] for i in places),
+        velocity_coordinates=tuple(statement.coordinates[i] for i in speeds),
+        at=MappingProxyType(dict(zip(statement.coordinates, point.q, strict=True)) | velocities | dict(point.inputs)),
+        **matrices,
         inputs=tuple(point.inputs),
-        input_matrix=parts.input_matrix,
-        basis=parts.basis,
-        velocity_basis=parts.velocity_basis,
-        velocity_slope=parts.velocity_slope,
         equilibrium=balanced and steady,
-        note=_note(point, parts.left, [statement.names[i] for i in parts.speeds], balanced, steady),
+        note=_note(point, expanded.unbalanced, [statement.names[i] for i in speeds], balanced, steady),
         statement=statement,
     )
-
-
-def _at(point: StatedPoint) -> Mapping[Any, Any]:
-    """Return the point as {leaf: value} in the user's symbols: coordinates, non-zero velocities, and inputs."""
-    statement = point.form.statement
-    places = dict(zip(statement.coordinates, point.q, strict=True))
-    speeds = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
-    return MappingProxyType(places | speeds | dict(point.inputs))
 
 
 def _note(
@@ -222,7 +211,8 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
     statement = point.form.statement
 
     def at_point(sample: SamplePoint) -> tuple[Any, Any]:
-        return _both(lin, point, model, _values(point, sample))
+        numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
+        return _both(lin, point, model, numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()})
 
     if all(p in statement.defaults for p in statement.parameters if p not in point.inputs):
         defaults = {p: statement.defaults.get(p, 0.0) for p in statement.parameters}
@@ -230,12 +220,6 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
         agrees("the linearization", statement, SamplePoint(zero, zero, 0.3, defaults, "the point given"), at_point)
     if not (point.decimal or lin.decimal):
         compared("the linearization", statement, at_point)
-
-
-def _values(point: StatedPoint, sample: SamplePoint) -> dict[Any, Any]:
-    """Return exact values, by symbol, of the parameters, the inputs and the time of a sample."""
-    numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
-    return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
@@ -284,51 +268,21 @@ ELIMINATION_ROUNDING = 1e-9
 Rows = Sequence[Sequence[Node]]
 
 
-@dataclass(frozen=True)
-class ConstrainedEquations:
+class Expansion(NamedTuple):
     """Linear equations M u' + C u + K z = (input matrix) u_input, and z' = the rows `places` of N u + L z.
 
-    `basis` is B, `velocity_basis` N and `velocity_slope` L, as in the module's description. `places` are the indices of
-    the independent coordinates, `speeds` of the coordinates with independent velocities. `left` are the unbalanced
-    forces along the latter.
+    `matrices` are M, C, K, the input matrix, B, N and L of the module's description, by their names in `Linearization`.
+    `places` are the indices of the independent coordinates, `speeds` of the coordinates with independent velocities.
+    `unbalanced` are the forces along the latter.
     """
 
-    M: Any
-    C: Any
-    K: Any
-    input_matrix: Any
-    basis: Any
-    velocity_basis: Any
-    velocity_slope: Any
-    places: tuple[int, ...]
-    speeds: tuple[int, ...]
-    left: tuple[Any, ...]
-
-    def in_decimals(self) -> ConstrainedEquations:
-        """Return the equations with decimals in place of long fractions."""
-        names = ("M", "C", "K", "input_matrix", "basis", "velocity_basis", "velocity_slope")
-        return replace(self, **{name: getattr(self, name).applyfunc(in_decimals) for name in names})
+    matrices: dict[str, Any]
+    places: list[int]
+    speeds: list[int]
+    unbalanced: Sequence[Any]
 
 
-class Shortened:
-    """Base of matrix computations for n coordinates, in which a `shortener` keeps entries short."""
-
-    n: int
-    shortener: Shortener
-
-    def short(self, given: Any) -> Any:
-        """Return an expression in a short form; 0 if it vanishes."""
-        return self.shortener.short(given)
-
-    def product(self, *factors: Any) -> Any:
-        """Return the product of matrices, with entries in a short form."""
-        result = factors[0]
-        for factor in factors[1:]:
-            result = (result * factor).applyfunc(self.short)
-        return result
-
-
-class AtPoint(Shortened):
+class AtPoint:
     """Values of expressions and graph nodes of a system at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
@@ -359,7 +313,7 @@ class AtPoint(Shortened):
             found = sympy.Float(float(sympy.N(found, 30))) if found.is_number else sympy.N(found, 17)
         if found.has(sympy.nan, sympy.zoo, sympy.oo):
             raise self.no_value()
-        return self.short(found)
+        return self.shortener.short(found)
 
     def no_value(self) -> StatementError:
         """Return the error for a point at which a force, a constraint or one of their derivatives has no value."""
@@ -387,24 +341,24 @@ class AtPoint(Shortened):
 class DependentCoordinates:
     """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates to solve for."""
 
-    def __init__(self, here: Shortened, gradient: Any) -> None:
-        self.here = here
+    def __init__(self, shortener: Shortener, gradient: Any) -> None:
+        self.shortener, self.n = shortener, gradient.cols
         self.kept, self.dependent = _pivots(gradient)
-        self.independent = [i for i in range(here.n) if i not in self.dependent]
-        self.gradient = gradient.extract(self.kept, list(range(here.n)))
+        self.independent = [i for i in range(self.n) if i not in self.dependent]
+        self.gradient = gradient.extract(self.kept, list(range(self.n)))
 
     @cached_property
     def inverse(self) -> Any:
         """The inverse of the columns of G for dependent coordinates, by elimination with short pivots."""
         m = len(self.kept)
         columns = self.gradient.extract(list(range(m)), self.dependent)
-        return self.here.shortener.solved(columns, sympy.eye(m))
+        return self.shortener.solved(columns, sympy.eye(m))
 
     def solved(self, right: Any) -> Any:
         """Return X, n rows, with G X = -`right` and zeros for independent coordinates."""
-        whole = sympy.zeros(self.here.n, right.cols)
+        whole = sympy.zeros(self.n, right.cols)
         if self.kept:
-            below = self.here.product(-self.inverse, right)
+            below = self.shortener.product(-self.inverse, right)
             for k, i in enumerate(self.dependent):
                 whole[i, :] = below[k, :]
         return whole
@@ -412,12 +366,12 @@ class DependentCoordinates:
     @cached_property
     def null_space(self) -> Any:
         """A basis of the null space of G, with a one in the row of each independent coordinate."""
-        unit = sympy.eye(self.here.n).extract(list(range(self.here.n)), self.independent)
+        unit = sympy.eye(self.n).extract(list(range(self.n)), self.independent)
         return unit + self.solved(self.gradient * unit)
 
     def balance(self, forces: Any) -> Any:
         """Return lambda with G^T lambda = `forces` in the rows of dependent coordinates."""
-        return self.here.product(self.inverse.T, forces.extract(self.dependent, [0]))
+        return self.shortener.product(self.inverse.T, forces.extract(self.dependent, [0]))
 
 
 def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
@@ -439,7 +393,7 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
     return sorted(rows), columns
 
 
-def expansion(point: StatedPoint) -> ConstrainedEquations:
+def expansion(point: StatedPoint) -> Expansion:
     """Return the equations of small changes about a point.
 
     Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
@@ -449,9 +403,10 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
     if any(edges(point.form.read(x)) for x in stated):
         _ = point.residuals  # refuses a corner that matters; at any other both sides have the same derivatives
     here = AtPoint(point)
-    e, held = here.equations, here.equations.stated
+    e, held, product = here.equations, here.equations.stated, here.shortener.product
     _check(here)
-    speeds, mass = DependentCoordinates(here, here.matrix(held.gradient, here.n)), here.matrix(e.mass, here.n)
+    speeds = DependentCoordinates(here.shortener, here.matrix(held.gradient, here.n))
+    mass = here.matrix(e.mass, here.n)
     if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
@@ -462,13 +417,13 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
         raise StatementError("the constraints leave no motion: there is nothing to linearise.")
     kept = held.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
-    places = DependentCoordinates(here, here.matrix(holonomic, here.n))
-    N, product = speeds.null_space, here.product
+    places = DependentCoordinates(here.shortener, here.matrix(holonomic, here.n))
+    N = speeds.null_space
     reduced = product(N.T, mass, N)
     rest = here.matrix([[h] for h in e.bias], 1)
     carried = speeds.solved(here.matrix([[gamma] for gamma in kept.bias], 1))
-    left = product(N.T, rest - product(mass, carried))
-    accelerations = carried + product(N, _driven(here, reduced, left))
+    unbalanced = product(N.T, rest - product(mass, carried))
+    accelerations = carried + product(N, _driven(here, reduced, unbalanced))
     here.here |= {a: e.translate(x) for a, x in zip(here.a, accelerations, strict=True)}
     multipliers = speeds.balance(mass * accelerations - rest) if len(kept) else ()
     residuals = _residuals(here, kept.gradient, multipliers)
@@ -480,18 +435,10 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
     damping, stiffness = (here.matrix(here.slopes(residuals, x), here.n) for x in (e.v, e.q))
     inputs = [e.translate(u) for u in point.inputs]
     C, K = motion.reduced(mass, damping, stiffness)
-    return ConstrainedEquations(
-        M=reduced,
-        C=C,
-        K=K,
-        input_matrix=product(-N.T, here.matrix(here.slopes(residuals, inputs), len(inputs))),
-        basis=motion.B,
-        velocity_basis=N,
-        velocity_slope=motion.L,
-        places=tuple(places.independent),
-        speeds=tuple(speeds.independent),
-        left=tuple(left),
-    )
+    pushes = product(-N.T, here.matrix(here.slopes(residuals, inputs), len(inputs)))
+    matrices = {"M": reduced, "C": C, "K": K, "input_matrix": pushes}
+    matrices |= {"basis": motion.B, "velocity_basis": N, "velocity_slope": motion.L}
+    return Expansion(matrices, places.independent, speeds.independent, unbalanced)
 
 
 class TangentMotion:
@@ -505,7 +452,7 @@ class TangentMotion:
     def __init__(
         self, speeds: DependentCoordinates, places: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
     ) -> None:
-        product, (g_rate, p_rate, phi_rate) = speeds.here.product, rates
+        product, (g_rate, p_rate, phi_rate) = speeds.shortener.product, rates
         self.product, self.N, self.B = product, speeds.null_space, places.null_space
         self.L = speeds.solved(product(P, self.B))
         N_rate, B_rate = speeds.solved(product(g_rate, self.N)), places.solved(product(phi_rate, self.B))
@@ -547,7 +494,7 @@ def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
         return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):
         return mass.LUsolve(left)
-    determinant = here.short(mass.det(method="berkowitz"))
+    determinant = here.shortener.short(mass.det(method="berkowitz"))
     if determinant == 0:
         names = [here.statement.names[i] for i in here.equations.first_order]
         if names:
@@ -560,7 +507,7 @@ def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
             f"the mass matrix of {here.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."
         )
-    return here.product(mass.adjugate(), left / determinant)
+    return here.shortener.product(mass.adjugate(), left / determinant)
 
 
 def _residuals(here: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:

@@ -312,21 +312,19 @@ def _shape(matrix: Any, skipped: int) -> Any:
     for k in range(adjugate.cols):
         column = adjugate[:, k]
         if skipped == 0 and max(sizes) > NULL_ENTRY and not column.is_zero_matrix:
-            return _scaled(column)
-    columns = matrix.nullspace(simplify=simplest, iszerofunc=is_zero)
-    return _scaled(columns[skipped]) if skipped < len(columns) else None
-
-
-def _scaled(column: Any) -> Any:
-    first = next(x for x in column if x != 0)
-    return (column / first).applyfunc(_shortest)
+            break
+    else:
+        columns = matrix.nullspace(simplify=simplest, iszerofunc=is_zero)
+        if skipped >= len(columns):
+            return None
+        column = columns[skipped]
+    return (column / next(x for x in column if x != 0)).applyfunc(_shortest)
 
 
 def _shortest(entry: Any) -> Any:
     """Return an entry of a shape, simplified and without roots in the denominator."""
-    if _brief(entry):
-        return min((_neat(sympy.radsimp(entry)), _neat(rational_below(sympy.together(entry)))), key=size)
-    return _neat(rational_below(sympy.together(entry)))
+    forms = [sympy.radsimp(entry)] if _brief(entry) else []
+    return min(map(_neat, (*forms, rational_below(sympy.together(entry)))), key=size)
 
 
 def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:

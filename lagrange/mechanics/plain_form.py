@@ -17,7 +17,7 @@ from lagrange.equations.terms import Algebra, TooLargeError, differentiable, pri
 from lagrange.errors import StatementError
 from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
 from lagrange.evidence.sample import SampleKind, SamplePoint
-from lagrange.statement.coordinate import acceleration_of, t, velocity_of
+from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.statement import Statement
 
@@ -151,10 +151,7 @@ def written_out(given: Any) -> int:
 
 def is_zero(given: Any) -> bool:
     """Return True if SymPy can show that an expression is identically zero."""
-    if given.is_zero is not None:
-        return bool(given.is_zero)
-    short = simplest(given)
-    return bool(short.is_zero)
+    return bool(simplest(given).is_zero if given.is_zero is None else given.is_zero)
 
 
 STATES = 3
@@ -226,6 +223,13 @@ class Shortener:
                 "in place of parameters, by substitute({parameter: number}), or choose a point with more zeros."
             )
         return sympy.S.Zero if self.vanishes(given) else simplest(given)
+
+    def product(self, *factors: Any) -> Any:
+        """Return the product of matrices, with entries in a short form."""
+        result = factors[0]
+        for factor in factors[1:]:
+            result = (result * factor).applyfunc(self.short)
+        return result
 
     def solved(self, matrix: Any, right: Any) -> Any:
         """Return X with matrix X = right, by elimination with short pivots. Raises ZeroDivisionError if singular."""
@@ -384,23 +388,13 @@ def numeric(matrix: Any, values: Any) -> Any:
     return entries.real if not entries.imag.any() else entries
 
 
-def fresh_name(name: str, taken: Iterable[str]) -> str:
-    """Return a name that is not taken: `name`, with underscores appended if necessary."""
-    used = tuple(taken)
-    while name in used:
-        name += "_"
-    return name
-
-
-def names_of(statement: Statement) -> tuple[str, ...]:
-    """Return every name that a statement uses for a coordinate or a parameter."""
-    return (*statement.names, *(p.name for p in statement.parameters))
-
-
-def without_points(statement: Statement, gone: Iterable[Any]) -> dict[str, Any]:
-    """Return the positions and links of a statement without points that depend on the coordinates `gone`."""
-    leaves = [leaf for q in gone for leaf in (q, velocity_of(q))]
-    points = {name: point for name, point in statement.positions.items() if not any(x.has(*leaves) for x in point)}
-    kept = ("origin", *points)
-    links = tuple(link for link in statement.links if link.start in kept and link.end in kept)
-    return {"positions": points, "links": links}
+def momentum_names(statement: Statement, coordinates: Iterable[str]) -> list[str]:
+    """Return a name for the momentum of each coordinate: p_x, with underscores appended if the statement uses it."""
+    taken = [*statement.names, *(p.name for p in statement.parameters)]
+    names: list[str] = []
+    for coordinate in coordinates:
+        name = f"p_{coordinate}"[:64]
+        while name in (*taken, *names):
+            name += "_"
+        names.append(name)
+    return names

@@ -206,39 +206,31 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
     slope = sympy.expand(differentiable(zero).diff(c))
     if slope.has(c):
         slope = simplest(slope)
-    if slope.has(c) or not _never_zero(slope):
+    # SymPy proves of some slopes that they are never zero for real symbols and positive parameters.
+    if slope.has(c) or not (slope.is_nonzero or sympy.factor(slope).is_nonzero):
         return None
     return sympy.expand(-zero.xreplace({c: sympy.S.Zero}) / slope)
-
-
-def _never_zero(slope: Any) -> bool:
-    """Return True if SymPy proves that an expression is never zero for real symbols and positive parameters."""
-    return bool(slope.is_nonzero) or bool(sympy.factor(slope).is_nonzero)
 
 
 def _without(statement: Statement, name: str, given: Any) -> Statement:
     """Return the statement without the coordinate `name`; `given` is the user's expression for it, or None."""
     if len(statement.coordinates) == 1:
         raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
-    candidates = [c for c in statement.constraints if _contains(c, name, statement)]
+    q = statement.coordinates[statement.names.index(name)]
+    candidates = [c for c in statement.constraints if c.expression.has(q)]
     if given is None:
         constraint, solved = _solved(candidates, name, statement)
     else:
         constraint, solved = _checked(candidates, name, given, statement)
-    _check_multiplier(constraint, name, statement)
-    _check_initial(statement, name, solved)
-    return _substituted(statement, name, constraint, solved)
-
-
-def _check_multiplier(constraint: Constraint, name: str, statement: Statement) -> None:
-    """Raise StatementError if a force contains the multiplier of a constraint that is to be eliminated."""
-    for q, force in zip(statement.names, statement.forces, strict=True):
+    for other, force in zip(statement.names, statement.forces, strict=True):
         if force.has(constraint.multiplier):
             raise StatementError(
-                f"{name} is determined by {constraint.name}, and the force on {q} contains the multiplier of "
+                f"{name} is determined by {constraint.name}, and the force on {other} contains the multiplier of "
                 f"{constraint.name}, which has no value without it: keep {name} and {constraint.name}, or state the "
                 "force in coordinates and velocities."
             )
+    _check_initial(statement, name, solved)
+    return _substituted(statement, name, constraint, solved)
 
 
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
@@ -263,11 +255,6 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
                 f"there, and {follows} by this expression. Give the expression of the branch that is meant, or other "
                 "initial values."
             )
-
-
-def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
-    q = statement.coordinates[statement.names.index(name)]
-    return bool(constraint.expression.has(q))
 
 
 def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:

@@ -22,7 +22,7 @@ from lagrange.errors import FAULT, RunError, StatementError, formula
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import BALANCED_FORCE, stated_values, with_inputs_as_parameters
-from lagrange.mechanics.linearization import DependentCoordinates, Linearization, Shortened, TangentMotion
+from lagrange.mechanics.linearization import DependentCoordinates, Linearization, TangentMotion
 from lagrange.mechanics.linearization import linearized as in_coordinates
 from lagrange.mechanics.plain_form import Shortener, number, numeric, simplest, vanishes_in_symbols
 from lagrange.statement.coordinate import acceleration_of, multiplier, t, velocity_of
@@ -51,7 +51,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     return found
 
 
-class _InTurns(Shortened):
+class _InTurns:
     """The equations of a derivation, in small turns of the bodies, and their derivatives at a point.
 
     In the expressions, `symbols` replace the leaves: coordinates, rates and entries of rotations.
@@ -106,7 +106,8 @@ class _InTurns(Shortened):
         """Return True if expressions in parameters are zero. At a point in decimals the limit is 1e-8, numerically."""
         values = dict.fromkeys(self.statement.parameters, 1.0) | dict(self.statement.defaults)
         return all(
-            abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.short(each) == 0 for each in given
+            abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.shortener.short(each) == 0
+            for each in given
         )
 
     def slopes(self, leaves: Sequence[Any], more_values: Mapping[Any, Any]) -> Any:
@@ -137,7 +138,7 @@ class _InTurns(Shortened):
             rates |= dict(zip(each.matrix, place * cross_matrix(speeds), strict=True))
         moved = {self.symbols[leaf]: value + ahead * rates.get(leaf, 0) for leaf, value in self.here.items()}
         return matrix.applyfunc(
-            lambda entry: self.short(entry.xreplace(moved).diff(ahead).xreplace({ahead: sympy.S.Zero}))
+            lambda entry: self.shortener.short(entry.xreplace(moved).diff(ahead).xreplace({ahead: sympy.S.Zero}))
         )
 
     def constrain(self) -> None:
@@ -163,7 +164,7 @@ class _InTurns(Shortened):
         self.P += self.G * self.swirl(speeds)
         self.Phi = sympy.Matrix(len(places), self.n, list(chain(*map(self.changes, places))))
         self.speeds, self.places = (
-            DependentCoordinates(self, self.at_point(gradient, self.still)) for gradient in (self.G, self.Phi)
+            DependentCoordinates(self.shortener, self.at_point(gradient, self.still)) for gradient in (self.G, self.Phi)
         )
         if not self.speeds.independent:
             raise StatementError("the constraints leave no motion: there is nothing to linearise.")
@@ -172,12 +173,12 @@ class _InTurns(Shortened):
 
     def at_point(self, matrix: Any, more: Mapping[Any, Any]) -> Any:
         """Return the value at the point of a matrix in `symbols`; `more` has values of leaves without one."""
-        return matrix.applyfunc(lambda entry: self.short(self.value(entry, more)))
+        return matrix.applyfunc(lambda entry: self.shortener.short(self.value(entry, more)))
 
     @cached_property
     def accelerations(self) -> Any:
         """The accelerations at the point, (n, 1)."""
-        N, product = self.speeds.null_space, self.product
+        N, product = self.speeds.null_space, self.shortener.product
         levels = sympy.Matrix(len(self.speeds.kept), 1, [self.levels[i] for i in self.speeds.kept])
         carried = self.speeds.solved(self.rates(levels, [0] * self.n))
         mass, left = product(N.T, self.mass, N), product(N.T, self.rest + self.mass * carried)
@@ -233,11 +234,11 @@ class _InTurns(Shortened):
             coordinates=tuple(self.read.coordinates[i] for i in self.places.independent),
             velocity_coordinates=tuple(self.read.coordinates[i] for i in self.speeds.independent),
             at=MappingProxyType(self.at),
-            M=self.product(tangent.N.T, self.mass, tangent.N),
+            M=self.shortener.product(tangent.N.T, self.mass, tangent.N),
             C=C,
             K=K,
             inputs=tuple(self.inputs),
-            input_matrix=self.product(-tangent.N.T, self.slopes(self.inputs, more)),
+            input_matrix=self.shortener.product(-tangent.N.T, self.slopes(self.inputs, more)),
             basis=tangent.B,
             velocity_basis=tangent.N,
             velocity_slope=tangent.L,

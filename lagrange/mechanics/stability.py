@@ -51,14 +51,8 @@ class Verdict:
     reason: str
 
 
-NO_VALUES = "with these constraints eigenvalues decide, and they need values of the parameters."
-"""Reason for motions on constraints and for constraints on velocities: K is not the curvature of an energy."""
-
-NO_VALUES_OF_RATES = "states of first order have no energy; eigenvalues decide, and they need values of the parameters."
-"""Reason for systems without inertia whose parameters lack values."""
-
 NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
-"""Message for a singular mass matrix at an equilibrium."""
+NO_POINT = "the point does not exist at the values of the parameters."
 
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
@@ -83,16 +77,28 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
     if lin.first_order and not is_zero(lin.C.det(method="berkowitz")):
-        return Verdict(None, NO_VALUES_OF_RATES) if values is None else _verdict_of_rates(numeric(lin.A, values))
+        if values is None:
+            return Verdict(
+                None,
+                "states of first order have no energy; eigenvalues decide, and they need values of the parameters.",
+            )
+        rates = numeric(lin.A, values)  # of d/dt x = A x
+        if np.iscomplexobj(rates) or not np.isfinite(rates).all():
+            return Verdict(None, NO_POINT)
+        return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
+            None, "eigenvalues on the imaginary axis decide nothing."
+        )
     if not has_inertia(lin):
         return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
     constraints = form.statement.constraints
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
+    if values is None and carried:  # K is not the curvature of an energy
+        return Verdict(None, "with these constraints eigenvalues decide, and they need values of the parameters.")
     if values is None:
-        return Verdict(None, NO_VALUES) if carried else _symbolic_verdict(lin, form, gone)
+        return _symbolic_verdict(lin, form, gone)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
-        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
+        return Verdict(None, NO_POINT)
     if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
         return Verdict(stable=None, reason=NO_INERTIA)
     mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone)
@@ -224,15 +230,6 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
         return False
     degree = Fraction(ratio).limit_denominator(LARGEST_DEGREE)
     return degree > 0 and vanishes_in_symbols(grown - sympy.Rational(degree) * smooth)
-
-
-def _verdict_of_rates(rates: Any) -> Verdict:
-    """Return the verdict for states of first order, d/dt x = A x; `rates` is the numeric matrix A."""
-    if np.iscomplexobj(rates) or not np.isfinite(rates).all():
-        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
-    return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
-        stable=None, reason="eigenvalues on the imaginary axis decide nothing."
-    )
 
 
 def _verdict_of_eigenvalues(values: Any) -> Verdict | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,19 +22,17 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.hamilton import half_square, inverse
 from lagrange.mechanics.plain_form import (
     PlainForm,
-    fresh_name,
-    names_of,
+    momentum_names,
     number,
     prescribed,
     real,
     simplest,
     vanishes,
-    without_points,
 )
 from lagrange.mechanics.reduction import read_with, rewritten, with_origin
 from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
-from lagrange.statement.declare import declare
+from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.expression import entries, expression, refusing_deep
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
@@ -126,6 +124,8 @@ def transformed(
     """
     change = _transformation(statement, given, positive)
     _check_regular(change)
+    if initial is not None and not isinstance(initial, Mapping):
+        raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     kept = {key: x for key, x in start.items() if not key.has(*change.gone)}
     result = rewritten(
@@ -134,7 +134,7 @@ def transformed(
         coordinates=change.coordinates,
         forces=_forces(change),
         parameters=_parameters(change, parameters),
-        initial=kept if initial is None else _overlaid(kept, initial),
+        initial=kept | dict(initial or {}),
     )
     _check(change, result, model)
     if initial is None:
@@ -152,13 +152,6 @@ def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
     values = {p: statement.defaults.get(p) for p in statement.parameters}
     used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
     return values | {p: None for p in used if p not in values} | dict(given or {})
-
-
-def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
-    """Return the initial state by coordinate and velocity: `kept`, overlaid with the user's values in `initial`."""
-    if not isinstance(initial, Mapping):
-        raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
-    return {**kept, **initial}
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
@@ -186,7 +179,8 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     stays = {x: value for x, value in constants.items() if x not in [plain[i] for i in unknowns]}
     expressions = (prescribed(x).xreplace(stays) for x in change.old)
     zeros = [x - sympy.Rational(old_value) for x, old_value in zip(expressions, places.tolist(), strict=True)]
-    angles = [_is_angle(change, q) for q in change.new]
+    turns = [{change.plain[q]: change.plain[q] + 2 * sympy.pi} for q in change.new]
+    angles = [all(x.xreplace(turn) == x for x in change.old) for turn in turns]
     lengths = [i for i, q in enumerate(change.new) if q in change.positive]
     ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)
     ends = [end for end in ends if all(end[i] > 0 for i in lengths) or not any(places)]
@@ -221,12 +215,6 @@ def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, fl
     return negative, round(float(np.abs(solution).sum()), 9) - 1e-10 * float(solution.sum() > 0)
 
 
-def _is_angle(change: Transformation, coordinate: Any) -> bool:
-    """Return True if the old coordinates have period 2 pi in a new one."""
-    symbol = change.plain[coordinate]
-    return all(x.xreplace({symbol: symbol + 2 * sympy.pi}) == x for x in change.old)
-
-
 def _transformation(statement: Statement, given: Mapping[Any, Any], positive: Any) -> Transformation:
     """Return the user's transformation. Raises StatementError if it is not one.
 
@@ -254,22 +242,16 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
     stays = [q for q in statement.coordinates if q not in table]
     new = tuple(COORDINATES.of((name_of(q), q) for q in survey.coordinates if q not in stays))
     if len(new) != len(table):
-        raise StatementError(_count(table, new))
+        remedy = (
+            "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
+            if len(new) < len(table)
+            else "With more, they are not determined: give expressions for as many."
+        )
+        raise StatementError(
+            f"the expressions for {listing(map(name_of, table))} have {len(new)} new coordinates "
+            f"({listing(map(name_of, new))}), and {len(table)} are replaced: a transformation needs as many. {remedy}"
+        )
     return Transformation(statement, tuple(table), old, new, _positive(positive, new))
-
-
-def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
-    """Return the error message if the numbers of old and of new coordinates differ."""
-    fewer = len(new) < len(table)
-    remedy = (
-        "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
-        if fewer
-        else "With more, they are not determined: give expressions for as many."
-    )
-    return (
-        f"the expressions for {listing(map(name_of, table))} have {len(new)} new coordinates "
-        f"({listing(map(name_of, new))}), and {len(table)} are replaced: a transformation needs as many. {remedy}"
-    )
 
 
 def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
@@ -391,21 +373,16 @@ class Routh:
         return simplest(moving), centrifugal - simplest(potential)
 
 
-def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
-    """Return the indices of coordinates that are given by symbol or by name."""
-    if not wanted:
+def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
+    """Return Routh's procedure that ignores some coordinates. Raises StatementError if one of them is not ignorable."""
+    if not ignored:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
-    indices = [statement.names.index(coordinate_name(key, statement.names)) for key in wanted]
-    if len(dict.fromkeys(indices)) == len(statement.names):
+    form = PlainForm(statement)
+    places = tuple(dict.fromkeys(statement.names.index(coordinate_name(key, statement.names)) for key in ignored))
+    if len(places) == len(statement.names):
         raise StatementError(
             f"every coordinate of {statement.name} would be ignored: without one nothing is left to move."
         )
-    return tuple(dict.fromkeys(indices))
-
-
-def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
-    """Return Routh's procedure that ignores some coordinates. Raises StatementError if one of them is not ignorable."""
-    places, form = places_of(statement, wanted), PlainForm(statement)
     for i in places:
         _check_ignorable(form, i)
     if form.mass.extract(list(places), list(places)).has(*(form.v[i] for i in places)):
@@ -414,10 +391,10 @@ def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
             f"the momenta of {names} are not linear in their velocities, which are then not solved for: "
             "hamiltonian() may solve them together with the others."
         )
-    taken = list(names_of(statement))
-    for i in places:
-        taken.append(fresh_name(f"p_{statement.names[i]}"[:64], taken))
-    return Routh(form, places, tuple(sympy.Symbol(name, real=True) for name in taken[-len(places) :]))
+    symbols = [
+        sympy.Symbol(name, real=True) for name in momentum_names(statement, [statement.names[i] for i in places])
+    ]
+    return Routh(form, places, tuple(symbols))
 
 
 def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
@@ -449,7 +426,8 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
 
     kinetic, potential = routh.routhian
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
-    points = without_points(statement, gone)
+    leaves = [leaf for q in gone for leaf in (q, velocity_of(q))]
+    positions = {name: point for name, point in statement.positions.items() if not any(x.has(*leaves) for x in point)}
     return declare(
         kinetic=form.written(kinetic),
         potential=form.written(potential),
@@ -460,8 +438,8 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
         redundant=statement.redundant,
         parameters={p: statement.defaults.get(p) for p in statement.parameters} | dict(values),
         initial={key: start[key] for q in left for key in (q, velocity_of(q))},
-        positions=points["positions"],
-        links=points["links"],
+        positions=positions,
+        links=[link for link in statement.links if {link.start, link.end} <= {ORIGIN, *positions}],
         name=statement.name,
     )
 
@@ -536,17 +514,15 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
     routh = routh_of(statement, missing)
     rows: dict[Any, FloatArray] = {}
     for i, rate in zip(routh.places, routh.rates, strict=True):
-        q = statement.coordinates[i]
-        speed = partial(_speed, solution, routh.form.written(rate))
+        q, formula = statement.coordinates[i], routh.form.written(rate)
+
+        def speed(times: FloatArray, formula: Any = formula) -> FloatArray:
+            model: Model = solution.model
+            return model.evaluate_expression(formula, times, solution.at(times), solution.parameters)
+
         rows[q] = statement.initial[i] + _integral(speed, solution.t, statement.names[i])
         rows[velocity_of(q)] = speed(solution.t)
     return rows
-
-
-def _speed(solution: Any, rate: Any, times: FloatArray) -> FloatArray:
-    """Return the velocity of an ignored coordinate, with the formula `rate`, at times (K,) of a run."""
-    model: Model = solution.model
-    return model.evaluate_expression(rate, times, solution.at(times), solution.parameters)
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:

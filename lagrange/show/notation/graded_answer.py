@@ -13,7 +13,6 @@ from lagrange.errors import SceneError
 from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.comparison import EquationsComparison, compare_equations
 from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
-from lagrange.mechanics.plain_form import names_of
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.text import Notation
 from lagrange.statement.scene.expressions import read_expression
@@ -35,7 +34,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
 
 def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
     """Return the comparison of an answer; the search for a wrong term stops at its limit of work."""
-    typeset = Typesetter(statement, Notation(names_of(statement)))
+    typeset = Typesetter(statement, Notation((*statement.names, *(p.name for p in statement.parameters))))
     typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}
     equations = read_equations(answer, statement)
     sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
