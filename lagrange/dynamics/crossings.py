@@ -31,11 +31,6 @@ class Crossings:
     status: Status
     message: str
 
-    @classmethod
-    def interrupted(cls, dimension: int) -> Crossings:
-        """Return an empty record, for an orbit that did not begin before Ctrl-C; states have `dimension` entries."""
-        return cls(np.empty(0), np.empty((0, dimension)), Status.INTERRUPTED, "was interrupted.")
-
 
 class Crosser:
     """Follows orbits to a fixed number of crossings of one section. The event is prepared once for all orbits."""
@@ -52,17 +47,17 @@ class Crosser:
 
     def __call__(self, start: FloatArray, begin: float = 0.0) -> Crossings:
         """Return the crossings of the orbit that starts from the state `start` (2n,) at the time `begin`."""
-        return self._at_times(start, begin) if self.period is not None else self._at_events(start, begin)
-
-    def _at_times(self, start: FloatArray, begin: float) -> Crossings:
-        times = begin + (self.period or 0.0) * np.arange(1.0, self.count + 1.0)
+        if self.period is None:
+            return self._at_events(start, begin)
+        times = begin + self.period * np.arange(1.0, self.count + 1.0)
         run = self.runs(start, begin, float(times[-1]), t_eval=times)
         return Crossings(run.t, run.y.T, run.status, run.message)
 
     def _at_events(self, start: FloatArray, begin: float) -> Crossings:
         times: list[FloatArray] = []
         states: list[FloatArray] = []
-        left, since, y, leg, first = self.count, begin, start, self._first_leg(), begin
+        leg = PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
+        left, since, y, first = self.count, begin, start, begin
         while True:
             run = self.runs(y, begin, begin + leg, events=[self.event])
             times.append(run.t_events[0][:left])
@@ -75,9 +70,6 @@ class Crosser:
             begin, y = run.span[1], np.ascontiguousarray(run.y[:, -1])
             passed = self.count - left
             leg = max(self.wait / 2, 1.2 * left * (begin - first) / passed) if passed else self.wait
-
-    def _first_leg(self) -> float:
-        return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
 
     def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
         """Return the status and the message of an orbit after its last run."""
@@ -102,5 +94,5 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
             if finished[-1].status is Status.INTERRUPTED:
                 break
     except KeyboardInterrupt:
-        finished.append(Crossings.interrupted(states.shape[1]))
+        finished.append(Crossings(np.empty(0), states[:0], Status.INTERRUPTED, "was interrupted."))
     return finished

@@ -140,17 +140,12 @@ def orbit(
 
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
     """Return the orbit that joins runs, ordered in time. Its status is that of an incomplete run, else of the last."""
-    ordered = [_rising(part) for part in parts]
+    ways = [1 if part.span[1] >= part.span[0] else -1 for part in parts]
+    ordered = [(part.t[::way], part.y.T[::way]) for part, way in zip(parts, ways, strict=True)]
     t = np.concatenate([ordered[0][0], *(times[1:] for times, _ in ordered[1:])])
     states = np.concatenate([ordered[0][1], *(rows[1:] for _, rows in ordered[1:])])
     last = next((part for part in parts if not part.status.complete), parts[-1])
     return Orbit(t, states, last.status, last.message, closed, tuple(parts))
-
-
-def _rising(run: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the times and the states of the steps of a run, in increasing time."""
-    t, states = run.t, run.y.T
-    return (t, states) if run.span[1] >= run.span[0] else (t[::-1], states[::-1])
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:

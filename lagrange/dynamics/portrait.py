@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,14 +112,11 @@ class _Portrait:
             slopes = self._slopes(states)
         except RunError:
             # At some point the mass matrix is singular: the others are evaluated one by one.
-            slopes = np.column_stack([self._rates_at(column) for column in states.T])
+            slopes = np.full_like(states, np.nan)
+        for k, column in enumerate(states.T):
+            with suppress(RunError):
+                slopes[:, k] = self._slopes(column[:, None])[:, 0]
         return slopes[[self.plane[0].row, self.plane[1].row]]
-
-    def _rates_at(self, state: FloatArray) -> FloatArray:
-        try:
-            return self._slopes(state[:, None])[:, 0]
-        except RunError:
-            return np.full(len(state), np.nan)
 
     def _slopes(self, states: FloatArray) -> FloatArray:
         """Return dy/dt (2n, k) at states (2n, k). Velocities of coordinates without inertia are computed first."""
@@ -134,7 +132,11 @@ class _Portrait:
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
         """Return the nullclines by name, on a grid half a cell beyond the window, to find those on its border."""
-        x, y = (_beyond(axis) for axis in self.plane)
+        halves = (axis.width / NULLCLINE_CELLS / 2 for axis in self.plane)
+        x, y = (
+            np.linspace(axis.low - half, axis.high + half, NULLCLINE_CELLS + 2)
+            for axis, half in zip(self.plane, halves, strict=True)
+        )
         first, second = self.plane
         return {
             first.name: zero_lines(lambda a, b: self.rates(a, b)[0], x, y),
@@ -157,12 +159,6 @@ class _Portrait:
         away = np.hypot(*(np.indices(columns.shape) - (CELLS - 1) / 2))
         order = np.argsort(away.ravel(), kind="stable")
         return np.array([self.state(columns.ravel()[k], rows.ravel()[k]) for k in order])
-
-
-def _beyond(axis: Axis) -> FloatArray:
-    """Return the grid of an axis with an additional half cell at either end."""
-    cell = axis.width / NULLCLINE_CELLS
-    return np.linspace(axis.low - cell / 2, axis.high + cell / 2, NULLCLINE_CELLS + 2)
 
 
 def portrait(

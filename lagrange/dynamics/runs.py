@@ -77,14 +77,13 @@ def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
         raise StatementError("starts is empty: give at least one initial state, such as {}: the system's own.")
     if not any(isinstance(entry, Mapping) for entry in listed):
         return _of_array(model, real_array(listed, "starts"))
-    return np.array([_of_dict(model, entry, k, base) for k, entry in enumerate(listed)])
-
-
-def _of_dict(model: Model, given: Any, place: int, base: FloatArray) -> FloatArray:
-    try:
-        return np.array(initial_state(given, model.statement.coordinates, tuple(base.tolist())))
-    except StatementError as error:
-        raise StatementError(f"start {place}: {error}") from error
+    states = []
+    for k, entry in enumerate(listed):
+        try:
+            states.append(initial_state(entry, model.statement.coordinates, tuple(base.tolist())))
+        except StatementError as error:
+            raise StatementError(f"start {k}: {error}") from error
+    return np.array(states)
 
 
 def _of_array(model: Model, given: FloatArray) -> FloatArray:

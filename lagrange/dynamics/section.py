@@ -212,7 +212,9 @@ def section(
     """
     model = runs.model
     count, dropped = point_counts(crossings, skip, "crossings", 1)
-    wait = None if longest is None else _positive(longest)
+    wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
+    if wait is not None and wait <= 0:
+        raise StatementError(f"longest, the time to wait for a crossing, is {wait:g}: give a positive time.")
     passed = section_of(given, model, runs.parameters)
     event = passed if isinstance(passed, Event) else None
     states = starts_of(model, starts, initial_of(model, None))
@@ -221,7 +223,10 @@ def section(
         states = on_level(model, runs.parameters, states, row, level, event)
     check_room((len(states), count + dropped, model.layout.size))
     cross = Crosser(runs, passed, count + dropped, states, wait)
-    orbits = [_without_first(orbit, dropped) for orbit in followed(cross, states, progress)]
+    orbits = [
+        replace(orbit, times=orbit.times[dropped:], states=orbit.states[dropped:])
+        for orbit in followed(cross, states, progress)
+    ]
     axes = drawn_axes(model.statement, event)
     status, message = _ended(orbits, len(states), event, model.statement)
     return SectionData(
@@ -257,17 +262,6 @@ def check_room(shape: Sequence[int]) -> None:
             f"{8 * math.prod(shape):.3g} bytes, and there is room for {8 * MOST_NUMBERS:.3g}: give fewer points, a "
             "smaller skip, or fewer starts."
         )
-
-
-def _positive(longest: Any) -> float:
-    duration = real_number(longest, "longest, the time to wait for a crossing,")
-    if duration <= 0:
-        raise StatementError(f"longest, the time to wait for a crossing, is {duration:g}: give a positive time.")
-    return duration
-
-
-def _without_first(found: Crossings, dropped: int) -> Crossings:
-    return replace(found, times=found.times[dropped:], states=found.states[dropped:]) if dropped else found
 
 
 def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int | None]:
@@ -361,7 +355,8 @@ def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statemen
         return Status.SUCCESS, words
     index, first = short[0]
     if event is not None and not total:
-        words = f"no orbit passes {surface(event, statement)}{_direction(event)}."
+        direction = {1: " rising", -1: " falling"}.get(event.direction, "")
+        words = f"no orbit passes {surface(event, statement)}{direction}."
     failed = [orbit.status for orbit in done if not orbit.status.complete]
     return (failed or [Status.SUCCESS])[0], f"{words} Start {index}: {first.message}" + (
         f" {len(short) - 1} more ended early." if len(short) > 1 else ""
@@ -371,7 +366,3 @@ def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statemen
 def surface(event: Event, statement: Statement) -> str:
     """Return the equation of a switching surface in the names of coordinates, cut if it is long."""
     return f"{statement.quote(event.expression, 60)} = 0"
-
-
-def _direction(event: Event) -> str:
-    return {1: " rising", -1: " falling"}.get(event.direction, "")

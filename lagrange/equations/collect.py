@@ -162,16 +162,12 @@ class _Variables:
 
     def terms(self, polynomial: Any) -> MonomialSum:
         """Return a quotient of two polynomials of this class as a sum. The shifts of their exponents cancel."""
-        return {
-            tuple(
-                (k, _whole(Rational(e, self.roots[k]))) for k, e in zip(self.factors, exponents, strict=True) if e != 0
-            ): Rational(int(value.numerator), int(value.denominator))
-            for exponents, value in polynomial.terms()
-        }
-
-
-def _whole(exponent: Any) -> Any:
-    return int(exponent) if exponent.is_Integer else exponent
+        result: MonomialSum = {}
+        for exponents, value in polynomial.terms():
+            powers = [(k, Rational(e, self.roots[k])) for k, e in zip(self.factors, exponents, strict=True) if e != 0]
+            monomial = tuple((k, int(e) if e.is_Integer else e) for k, e in powers)
+            result[monomial] = Rational(int(value.numerator), int(value.denominator))
+        return result
 
 
 FACTORED_TERMS = 16
@@ -290,10 +286,10 @@ class Collector:
         if not expression.is_Add:
             return expression
         powers = [part.as_powers_dict() for part in expression.args]
-        outside = Mul(*(base ** min(power[base] for power in powers) for base in powers[0] if _shared(base, powers)))
+        shared = [
+            base
+            for base in powers[0]
+            if base.is_Add and all(base in power and power[base].is_Integer and power[base] > 0 for power in powers)
+        ]
+        outside = Mul(*(base ** min(power[base] for power in powers) for base in shared))
         return outside * Add(*(part / outside for part in expression.args))
-
-
-def _shared(base: Any, terms: list[Any]) -> bool:
-    """Return True if `base` is a sum and a factor of every term {factor: exponent}, with positive integer powers."""
-    return bool(base.is_Add) and all(base in power and power[base].is_Integer and power[base] > 0 for power in terms)

@@ -187,9 +187,13 @@ class Decisions:
     @cached_property
     def timeless(self) -> Verdict:
         """True if dL/dt = 0, None if undecided."""
-        return self._decided(
-            not _depends_on(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
-        )
+
+        def slope(point: Values) -> bool | None:
+            rate = self._rate(self.laws.lagrangian, point)
+            return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
+
+        absent = not _depends_on(self.laws.lagrangian, [self.laws.time])
+        return self._decided(absent, slope, lambda stated: _free_of(stated, stated.time))
 
     def absent(self, i: int) -> bool:
         """Return True if the Lagrangian as stated does not contain the coordinate q_i."""
@@ -199,7 +203,7 @@ class Decisions:
         """Return True if dL/dq_i = 0, None if undecided. Coordinate i must have no force and no dissipation."""
         slope = self.laws.forces[i]
         return self._decided(
-            self.absent(i), lambda point: _differs([slope], point), lambda stated: self._proven_cyclic(stated, i)
+            self.absent(i), lambda point: _differs([slope], point), lambda stated: _free_of(stated, stated.q[i])
         )
 
     @cached_property
@@ -219,7 +223,11 @@ class Decisions:
             return True
         if not self._has_power:
             return None
-        return self._powerless_on_constraints() if len(laws.constraints) and laws.constraints.workless else False
+        if not len(laws.constraints) or not laws.constraints.workless:
+            return False
+        # The power may be zero at the states that satisfy the constraints.
+        held = map(self._held, self._points) if len(laws.constraints) <= MOST_HELD else ()
+        return False if any(self._power(state) for state in held if state is not None) else None
 
     @property
     def _forceless(self) -> bool:
@@ -230,11 +238,6 @@ class Decisions:
     def _has_power(self) -> bool:
         """True if the power differs from zero at some random state, whether it satisfies the constraints or not."""
         return any(self._power(point) for point in self._points)
-
-    @property
-    def stated_alone(self) -> bool:
-        """True if the Lagrangian was stated alone, without T and V."""
-        return self.statement.lagrangian_alone
 
     @cached_property
     def homogeneous(self) -> Verdict:
@@ -257,7 +260,11 @@ class Decisions:
         """True if the momenta depend on velocities and parameters alone, None if undecided."""
         laws, moving = self.laws, [*self.laws.q, self.laws.time]
         absent = not any(_depends_on(p, moving) for p in laws.momenta)
-        return self._decided(absent, lambda point: self._changes(laws.momenta, point), self._proven_separable)
+        return self._decided(
+            absent,
+            lambda point: _changes(laws.momenta, point, moving),
+            lambda stated: _still(stated, stated.momenta, (*stated.q, stated.time)),
+        )
 
     @cached_property
     def constant_mass(self) -> Verdict:
@@ -266,7 +273,11 @@ class Decisions:
         moving = [*laws.q, *laws.v, laws.time]
         absent = not any(_depends_on(entry, moving) for entry in entries)
         return self._decided(
-            absent, lambda point: self._changes(entries, point, velocities=True), self._proven_constant_mass
+            absent,
+            lambda point: _changes(entries, point, moving),
+            lambda stated: _still(
+                stated, [entry for row in stated.mass for entry in row], (*stated.q, *stated.v, stated.time)
+            ),
         )
 
     @cached_property
@@ -281,7 +292,7 @@ class Decisions:
         if self.constant_mass is not True:
             return self.constant_mass
         absent = not any(_depends_on(h, laws.v) for h in laws.bias)
-        return self._decided(absent, self._pushes, self._proven_position_only)
+        return self._decided(absent, lambda point: _changes(laws.bias, point, laws.v), self._proven_position_only)
 
     def _decided(
         self,
@@ -333,11 +344,6 @@ class Decisions:
                 point[node] = (usual or (0.0 if near else 1.0)) * draw.uniform(0.6, 1.6)
             yield {node: CONTEXT.mpf(value) for node, value in point.items()}
 
-    def _time_slope(self, point: Values) -> bool | None:
-        """Return True if dL/dt is not zero at a point; None if dL/dt has no value at the point."""
-        rate = self._rate(self.laws.lagrangian, point)
-        return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
-
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
         """Return the partial time derivative of a node and the size of its terms; None if it has no value."""
         step, time = CONTEXT.mpf(STEP), self.laws.time
@@ -354,36 +360,6 @@ class Decisions:
             return None
         terms = [force * point[v] for force, v in zip(forces[0], laws.v, strict=True)]
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
-
-    def _pushes(self, point: Values) -> bool | None:
-        """Return True if M a changes with the velocities at a point; None if it has no value."""
-        other = {**point, **{v: point[v] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for v in self.laws.v}}
-        return self._differ(self.laws.bias, point, other)
-
-    def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
-        """Return True if nodes change when positions and time are changed from a point; None without values.
-
-        With `velocities` the velocities are changed too.
-        """
-        laws = self.laws
-        moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
-        other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
-        return self._differ(nodes, point, other)
-
-    def _differ(self, nodes: Sequence[Node], point: Values, other: Values) -> bool | None:
-        """Return True if some node has different values at the two points; None if it has no value."""
-        ends = [values(nodes, at, CONTEXT) for at in (point, other)]
-        if ends[0] is None or ends[1] is None:
-            return None
-        size = max(ends[0][1], ends[1][1])
-        return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(ends[0][0], ends[1][0], strict=True))
-
-    def _powerless_on_constraints(self) -> Verdict:
-        """Return False if the power is not zero at a state that satisfies the constraints, else None."""
-        if len(self.laws.constraints) > MOST_HELD:
-            return None
-        states = (self._held(point) for point in self._points)
-        return False if any(self._power(state) for state in states if state is not None) else None
 
     def _held(self, point: Values) -> Values | None:
         """Return a point near `point` that satisfies the constraints, positions first, then velocities; or None."""
@@ -425,16 +401,6 @@ class Decisions:
     def _stated(self) -> StatedAlgebra:
         return StatedAlgebra(self.statement, BUDGET)
 
-    def _proven_timeless(self, stated: StatedAlgebra) -> bool:
-        return not stated.jumps(stated.time) and _vanishes(
-            stated, stated.algebra.differentiate(stated.lagrangian, stated.time)
-        )
-
-    def _proven_cyclic(self, stated: StatedAlgebra, i: int) -> bool:
-        return not stated.jumps(stated.q[i]) and _vanishes(
-            stated, stated.algebra.differentiate(stated.lagrangian, stated.q[i])
-        )
-
     def _proven_powerless(self, stated: StatedAlgebra) -> bool:
         algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
         power = algebra.scale(algebra.differentiate(stated.lagrangian, stated.time), S.NegativeOne)
@@ -442,14 +408,7 @@ class Decisions:
             pull = algebra.scale(algebra.differentiate(drag, v), S.NegativeOne)
             applied = algebra.add(stated.read(force), pull)
             power = algebra.add(power, algebra.multiply(applied, stated.symbol(v)))
-        return not stated.jumps(stated.time) and _vanishes(stated, power)
-
-    def _proven_separable(self, stated: StatedAlgebra) -> bool:
-        return self._still(stated, stated.momenta, (*stated.q, stated.time))
-
-    def _proven_constant_mass(self, stated: StatedAlgebra) -> bool:
-        entries = [entry for row in stated.mass for entry in row]
-        return self._still(stated, entries, (*stated.q, *stated.v, stated.time))
+        return not stated.jumps(stated.time) and is_identity(algebra, power)
 
     def _proven_position_only(self, stated: StatedAlgebra) -> bool:
         algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
@@ -464,12 +423,19 @@ class Decisions:
             )
             moved += [algebra.differentiate(p, stated.time), algebra.differentiate(drag, stated.v[i])]
             sides.append(algebra.add(algebra.scale(slope, S.NegativeOne), *moved))
-        return self._still(stated, sides, stated.v)
+        return _still(stated, sides, stated.v)
 
-    def _still(self, stated: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
-        """Return True if it is proven that the sums `parts` do not depend on the symbols."""
-        slopes = (stated.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
-        return not stated.jumps(*symbols, twice=True) and all(_vanishes(stated, slope) for slope in slopes)
+
+def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
+    """Return True if it is proven that the Lagrangian does not depend on a coordinate or the time."""
+    slope = stated.algebra.differentiate(stated.lagrangian, symbol)
+    return not stated.jumps(symbol) and is_identity(stated.algebra, slope)
+
+
+def _still(stated: StatedAlgebra, sums: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
+    """Return True if it is proven that sums do not depend on the symbols."""
+    slopes = (stated.algebra.differentiate(terms, symbol) for terms in sums for symbol in symbols)
+    return not stated.jumps(*symbols, twice=True) and all(is_identity(stated.algebra, slope) for slope in slopes)
 
 
 def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
@@ -477,11 +443,17 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
     return any(node.depends & symbol.depends for symbol in symbols)
 
 
+def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
+    """Return True if nodes change when symbols are changed from a point; None without values."""
+    other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
+    here, there = (values(nodes, at, CONTEXT) for at in (point, other))
+    if here is None or there is None:
+        return None
+    size = max(here[1], there[1])
+    return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(here[0], there[0], strict=True))
+
+
 def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
     """Return True if one of the nodes is not zero at a point; None if the nodes have no values there."""
     evaluated = values(nodes, point, CONTEXT)
     return None if evaluated is None else any(abs(value) > ZERO_SHARE * evaluated[1] for value in evaluated[0])
-
-
-def _vanishes(stated: StatedAlgebra, terms: MonomialSum) -> bool:
-    return is_identity(stated.algebra, terms)

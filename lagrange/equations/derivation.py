@@ -32,7 +32,7 @@ from sympy import (
 )
 
 from lagrange.equations.decisions import seen_jacobi
-from lagrange.equations.terms import Monomial, MonomialSum, TooLargeError, common_factor
+from lagrange.equations.terms import MonomialSum, TooLargeError, common_factor
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
@@ -88,13 +88,11 @@ def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum
         other_number, other, other_rest = common_factor(term)
         for factor in (S.One, S.NegativeOne):
             if {key: factor * value for key, value in other_rest.items()} == rest:
-                mass = _ratio(page, other, monomial, factor * other_number / number / HALF)
-                if _is_mass(page, mass):
+                ratio = factor * other_number / number / HALF
+                mass = Mul(ratio, page.algebra.power(other), 1 / page.algebra.power(monomial))
+                constant = not mass.free_symbols & page.collector.moving
+                if constant and all(part.is_Symbol or part.is_Number for part in Add.make_args(mass)):
                     yield page.finish(mass), index
-
-
-def _ratio(page: TextbookAlgebra, above: Monomial, below: Monomial, number: Any) -> Any:
-    return Mul(number, page.algebra.power(above), 1 / page.algebra.power(below))
 
 
 def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
@@ -103,13 +101,6 @@ def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
         return False
     moving = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
     return all(factor in page.v or not factor.free_symbols & page.collector.moving for factor in moving)
-
-
-def _is_mass(page: TextbookAlgebra, mass: Any) -> bool:
-    """Return True if an expression may be a mass: a parameter, a number, or a sum of these."""
-    return all(part.is_Symbol or part.is_Number for part in Add.make_args(mass)) and not (
-        mass.free_symbols & page.collector.moving
-    )
 
 
 Part = TypeVar("Part")
@@ -226,7 +217,9 @@ class Derivation:
         The right side has the generalized forces as stated and the constraint forces.
         """
         lefts = self._short(
-            "the equations of motion", lambda page: page.accelerated(page.remainders), self._stated_sides
+            "the equations of motion",
+            lambda page: page.accelerated(page.remainders),
+            lambda: [self.momentum_rates[q] - self.gradient[q] + self.drag[q] for q in self.statement.coordinates],
         ).values()
         exerted = self.constraint_forces.values()
         rights = [
@@ -345,10 +338,6 @@ class Derivation:
         stated = {symbol: leaf for leaf, symbol in plain.items()}
         lagrangian = self.statement.lagrangian.xreplace(plain)
         return [_by_terms(lagrangian.diff(symbol.xreplace(plain)).xreplace(stated)) for symbol in symbols]
-
-    def _stated_sides(self) -> list[Any]:
-        """Return the left sides of the equations of motion: the sum of the parts as shown."""
-        return [self.momentum_rates[q] - self.gradient[q] + self.drag[q] for q in self.statement.coordinates]
 
     def _short(
         self,

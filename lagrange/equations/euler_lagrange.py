@@ -84,30 +84,41 @@ class MotionForm:
     bias: tuple[Node, ...]
 
 
-def augmentation(
-    mass: Matrix, constraints: ConstraintEquations, q: Sequence[Node], v: Sequence[Node], time: Node
-) -> tuple[list[Node], list[Node]] | None:
-    """Return terms to add to the momenta and to the forces, n each, so that M becomes regular.
+def with_inertia(
+    motion: MotionForm,
+    mass: tuple[tuple[Node, ...], ...],
+    first_order: Sequence[int],
+    constraints: ConstraintEquations,
+    q: Sequence[Node],
+    v: Sequence[Node],
+    time: Node,
+) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
+    """Return the motion and its mass matrix M, with terms added if M is singular, so that it becomes regular.
 
     Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
-    These terms vanish on the constraint; w is `_weight`. Return None if M is regular already, or if no constraint is
-    linear.
+    These terms vanish on the constraint; w is `_weight`. Inertia of coordinates of first order is not needed.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
-    if not any(linear) or generic_rank(mass) == len(q):
-        return None
     graph = time.graph
+    with_ones = [
+        [graph.one if i == j and i in first_order else entry for j, entry in enumerate(row)]
+        for i, row in enumerate(mass)
+    ]
+    if not any(linear) or generic_rank(with_ones) == len(q):
+        return motion, mass
     momenta, forces = [graph.zero] * len(q), [graph.zero] * len(q)
     along = {**dict(zip(q, v, strict=True)), **graph.rates}
     for psi, row, chosen in zip(constraints.velocities, constraints.gradient, linear, strict=True):
         if not chosen:
             continue
-        pushed = psi * _weight(mass, row, (*q, *v, time))
+        pushed = psi * _weight(with_ones, row, (*q, *v, time))
         moved = tangents(row, along)
         for i, entry in enumerate(row):
             momenta[i] = momenta[i] + pushed * entry
             forces[i] = forces[i] + pushed * moved(entry)
-    return momenta, forces
+    p = [a + b for a, b in zip(motion.momenta, momenta, strict=True)]
+    f = [a + b for a, b in zip(motion.forces, forces, strict=True)]
+    return MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, v, time))), mass_matrix(p, v)
 
 
 def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node]) -> Node:
@@ -162,14 +173,6 @@ def without(first_order: Sequence[int], motion: MotionForm) -> MotionForm:
         return tuple(entry.graph.zero if i in first_order else entry for i, entry in enumerate(entries))
 
     return MotionForm(cleared(motion.momenta), cleared(motion.forces), cleared(motion.bias))
-
-
-def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
-    """Return the mass matrix with ones on the diagonal for the coordinates `chosen`, to test the rank of the others."""
-    return [
-        [entry.graph.one if i == j and i in chosen else entry for j, entry in enumerate(row)]
-        for i, row in enumerate(mass)
-    ]
 
 
 def with_relations(
@@ -346,7 +349,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     kept = range(len(constraints)) if kept is None else kept
     solved = with_relations(constraints.part(kept), first_order, statement.names, bias, q, v, time)
     motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)))
-    motion, inertia = with_inertia(motion, mass, with_ones(first_order, mass), constraints.part(kept), q, v, time)
+    motion, inertia = with_inertia(motion, mass, first_order, constraints.part(kept), q, v, time)
     matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
@@ -383,24 +386,6 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         layout=StateLayout(statement.names, statement.names),
         turning=turning(statement, graph, leaves | prescribed),
     )
-
-
-def with_inertia(
-    motion: MotionForm,
-    mass: tuple[tuple[Node, ...], ...],
-    complete: Sequence[Sequence[Node]],
-    constraints: ConstraintEquations,
-    q: Sequence[Node],
-    v: Sequence[Node],
-    time: Node,
-) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the motion and its mass matrix, with the terms of `augmentation` if the matrix `complete` is singular."""
-    added = augmentation(complete, constraints, q, v, time)
-    if added is None:
-        return motion, mass
-    pairs = zip((motion.momenta, motion.forces), added, strict=True)
-    p, f = ([a + b for a, b in zip(*pair, strict=True)] for pair in pairs)
-    return MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, v, time))), mass_matrix(p, v)
 
 
 def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:

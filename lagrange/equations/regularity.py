@@ -87,7 +87,8 @@ def _check_mass_matrix(tried: Tried) -> None:
     coupled = [block for block in tried.equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    matrices = tried.mass_matrices()
+    n = len(names)
+    matrices = tried.values(tried.mass_entries()).reshape(n, n, -1)
     for block in coupled:
         null = _common_null_vector(matrices[np.ix_(block, block)])
         if null is not None:
@@ -111,7 +112,11 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
     if singular is None:
         return
     if singular.motion is not None:
-        raise StatementError(_undetermined(equations, singular.motion))
+        raise StatementError(
+            f"a motion with {motion_along(equations.layout.rates, singular.motion)} satisfies the constraints and has "
+            "no inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that "
+            "is missing, or use fewer coordinates."
+        )
     raise StatementError(_dependent(tried, singular, reach))
 
 
@@ -206,11 +211,6 @@ class Tried:
             blocks.append(doubles(nodes, self.point(0.0, states, stated), 1 + RANDOM_STATES))
         return np.concatenate(blocks, axis=1)
 
-    def mass_matrices(self) -> FloatArray:
-        """Return the mass matrix at every state tried, (n, n, states)."""
-        n = len(self.equations.q)
-        return self.values(self.mass_entries()).reshape(n, n, -1)
-
     def mass_entries(self) -> list[Node]:
         """Return the entries of the mass matrix, row by row."""
         return [entry for row in self.equations.mass for entry in row]
@@ -242,14 +242,6 @@ def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
             return None
         first = singular if first is None else first
     return first
-
-
-def _undetermined(equations: Equations, motion: FloatArray) -> str:
-    return (
-        f"a motion with {motion_along(equations.layout.rates, motion)} satisfies the constraints and has no "
-        "inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that is "
-        "missing, or use fewer coordinates."
-    )
 
 
 def _common_null_vector(matrices: FloatArray) -> FloatArray | None:

@@ -25,20 +25,8 @@ from lagrange.statement.run_settings import check_time
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
     """Return the diagonal blocks of a symmetric matrix, given by flags, as sorted lists of indices."""
-    blocks: list[list[int]] = []
-    left = dict.fromkeys(range(len(nonzero)))
-    while left:
-        block, frontier = [], [next(iter(left))]
-        del left[frontier[0]]
-        while frontier:
-            i = frontier.pop()
-            block.append(i)
-            reached = [j for j in left if nonzero[i][j]]
-            for j in reached:
-                del left[j]
-            frontier += reached
-        blocks.append(sorted(block))
-    return blocks
+    neighbours = [[j for j, present in enumerate(row) if present] for row in nonzero]
+    return list(map(list, coupled(neighbours)))
 
 
 def expanded_cofactors(

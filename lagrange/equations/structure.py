@@ -133,7 +133,8 @@ class Structure:
     def _energy(self) -> str:
         if self.conservative:
             kept = "energy" if self.energy_name == "energy" else "Jacobi integral v.p - L"
-            other = " (T + V is not this integral)" if kept != "energy" and not self.decisions.stated_alone else ""
+            stated_alone = self.decisions.statement.lagrangian_alone
+            other = " (T + V is not this integral)" if kept != "energy" and not stated_alone else ""
             return f"{self.energy_reason()}: the {kept} is conserved{other}."
         verdict = "is not" if self.energy_kept is False else "was not found to be"
         time = "depends" if self.autonomous is False else "may depend"

@@ -370,13 +370,7 @@ class Algebra:
             return self._read_power(node)
         if isinstance(node, Function) and not isinstance(node, sympy.Piecewise):
             tidy = node.func(*(self._tidy(part) for part in node.args))
-            return (
-                self._factor(node)
-                if tidy == node
-                else self._factor(tidy)
-                if tidy.func == node.func
-                else self.read(tidy)
-            )
+            return self._factor(tidy) if tidy.func == node.func else self.read(tidy)
         return self._factor(node)
 
     def _read_product(self, node: Any) -> MonomialSum:

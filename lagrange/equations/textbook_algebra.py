@@ -9,6 +9,7 @@ sum whose polynomial is not zero may still vanish: it is undecided.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 from math import gcd, lcm
 from types import MappingProxyType
@@ -322,22 +323,12 @@ class TextbookAlgebra(StatedAlgebra):
         """Return the unknowns of a block of matrix * x = bias, with determinants multiplied out if this stays short."""
         has_multipliers = any(i >= len(self.q) for i in block)
         if len(block) <= (EXPANDED_WITH_MULTIPLIERS if has_multipliers else EXPANDED_BLOCK):
-            try:
-                with self.algebra.at_most(EXPANDED_TERMS):
-                    return self.solve_expanded(block, matrix, bias)
-            except TooLargeError:
-                return self.solve_nested(block, matrix, bias)
-        return self.solve_nested(block, matrix, bias)
-
-    def solve_expanded(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block by cofactors, with the determinants multiplied out."""
-        above, determinant = expanded_cofactors(self.algebra, matrix, bias)
-        if not determinant:
-            raise self.singular(block)
-        return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
-
-    def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block by cofactors, which stay products of nested minors."""
+            with suppress(TooLargeError), self.algebra.at_most(EXPANDED_TERMS):
+                above, determinant = expanded_cofactors(self.algebra, matrix, bias)
+                if not determinant:
+                    raise self.singular(block)
+                return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
+        # Cofactors that are too long stay products of nested minors.
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):

@@ -167,6 +167,10 @@ class _Session:
 
     def report(self) -> Report:
         """Return the report of all comparisons so far."""
+        width, share = len(self.statement.state_names), len(self._columns())
+        checked, more, notes = share * len(self.used), math.ceil(width / share), []
+        if checked < width:
+            notes = [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
         return Report(
             system=self.statement.name,
             target=self.model.target,
@@ -179,7 +183,7 @@ class _Session:
                     f"Not covered: no point was found where {describe_way(switch, way, self.statement)}."
                     for switch, way in self._missing()
                 ),
-                *self._columns_left(),
+                *notes,
             ),
             limit=LIMIT,
             seconds=time.perf_counter() - self.started,
@@ -202,7 +206,10 @@ class _Session:
         self._compare(self.model, point, entries, columns)
         if self.other is not None:
             self._compare(self.other, point, entries, columns)
-        self._compare_batch(point, entries, columns)
+        for name, part in entries.items():
+            labels = entry_labels(name, self.statement, columns)
+            for many, single in computed_batch(self.model, name, point, columns):
+                self.comparison.add(BATCH, labels, many, part.around(single))
         if self.textbook is not None:
             self._compare_textbook(self.textbook, point, entries["accelerations"])
         return True
@@ -214,15 +221,6 @@ class _Session:
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
-    def _columns_left(self) -> list[str]:
-        """Return a note on the columns of the Jacobian that were checked at no point; empty if there are none."""
-        width, share = len(self.statement.state_names), len(self._columns())
-        checked = share * len(self.used)
-        if checked >= width:
-            return []
-        more = math.ceil(width / share)
-        return [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
-
     def _compare(
         self, model: Model, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: list[int]
     ) -> None:
@@ -230,12 +228,6 @@ class _Session:
             row = self.quantities[name] if model is self.model else self._other_label()
             labels = entry_labels(name, self.statement, columns)
             self.comparison.add(row, labels, computed(model, name, point, columns), part)
-
-    def _compare_batch(self, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
-        for name, part in entries.items():
-            labels = entry_labels(name, self.statement, columns)
-            for many, single in computed_batch(self.model, name, point, columns):
-                self.comparison.add(BATCH, labels, many, part.around(single))
 
     def _compare_textbook(self, tape: Precise | SolvedTextbook, point: SamplePoint, part: ReferenceEntries) -> None:
         try:
@@ -346,18 +338,14 @@ def check_stated(system: Stated, target: str, points: int | None, seed: int) -> 
         names = listing(repr(constraint.name) for constraint in statement.constraints)
         report = check_stated(system.from_statement(statement), target, points, seed)
         return replace(report, notes=(*report.notes, f"checked with {names} alone: other constraints follow."))
-    other, missing = _compiled_for("numpy" if target == "llvm" else "llvm", system)
+    other, missing, second = None, tuple[str, ...](), "numpy" if target == "llvm" else "llvm"
+    try:
+        other = system.compile(second, check=False)
+    except MissingTargetError as error:
+        missing = (f"not compared with the target {second}: {error}",)
     textbook, notes = _textbook(system, dict(model.statement.prescribed))
     report = check(model, textbook=textbook, other=other, points=points, seed=seed)
     return replace(report, notes=(*report.notes, *missing, *notes))
-
-
-def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str, ...]]:
-    """Return the system compiled for another target, and no note; or None and a note if it is not installed."""
-    try:
-        return system.compile(target, check=False), ()
-    except MissingTargetError as missing:
-        return None, (f"not compared with the target {target}: {missing}",)
 
 
 def _textbook(system: Stated, values_of_functions: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:

@@ -55,11 +55,6 @@ def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: D
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def position_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any) -> Numbers:
-    """Return phi, the m constraint expressions; the entry of a constraint on velocities is 0."""
-    return stated.chosen(stated.for_rates(q, v, t), [0] * len(stated.holonomic))
-
-
 def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
     """Return psi, m numbers: dphi/dt of a holonomic constraint, or the expression of a constraint on velocities."""
     still: Numbers = [0] * len(q)

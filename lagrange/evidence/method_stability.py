@@ -147,8 +147,7 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
     step's matrix, infinite at a pole of an implicit step. Raises StatementError for a splitting, which cannot treat
     damping, if z is not imaginary.
     """
-    step = method if isinstance(method, StepProgram) else step_of(method)
-    rates = complex_array(z, "z")
+    step, rates = step_of(method), complex_array(z, "z")
     if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
         raise StatementError(f"{step.name} takes no damping: its stability is a matter of imaginary rates alone.")
     with np.errstate(invalid="ignore"):
@@ -164,7 +163,7 @@ def stability(method: Any) -> Stability:
     `method` is a registered name, an instance, or a step program. Raises StatementError for a method without a step
     program, such as SciPy's.
     """
-    step = method if isinstance(method, StepProgram) else step_of(method)
+    step = step_of(method)
     real = np.nan if step.law == "accelerations" else _extent(step, -1.0 + 0.0j)
     return Stability(real, _extent(step, 1.0j))
 
@@ -188,6 +187,8 @@ def _extent(step: StepProgram, direction: complex) -> float:
 
 def step_of(method: Any) -> StepProgram:
     """Return the step program of a method: a name, an instance, or a program. Raises StatementError without one."""
+    if isinstance(method, StepProgram):
+        return method
     integrator = find(method)
     if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache, reduce
 from typing import Any, NamedTuple
 
@@ -22,14 +21,15 @@ from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Operation = Callable[..., Any]
 
-_HUGE = 40
-"""Largest binary exponent of an argument of exp and similar functions: beyond it mpmath does not return."""
+_LIMITS = {
+    "growing": (40, "a number beyond any range"),
+    "periodic": (1024, "an angle beyond the range of double precision"),
+    "": (10**9, ""),
+}
+"""Largest binary exponent of an argument by the spread of a function, and the message beyond it.
 
-
-_RANGE = 1024
-"""Largest binary exponent of an argument of sine and similar functions: that of the largest double.
-
-For larger arguments mpmath would compute pi to as many digits as the integer part of the argument has.
+Beyond 40 mpmath's exp does not return. Of an angle above all doubles it would compute as many digits of pi as the
+integer part has.
 """
 
 
@@ -41,17 +41,7 @@ class BeyondDoubles(OutsideDomain):
     """Error: the value exists, but an intermediate result exceeds the range of doubles."""
 
 
-def numeric_operation(node: Any, prec: int) -> Operation:
-    """Return the function for a node's value from those of its arguments. Raises OutsideDomain for an unknown type."""
-    if isinstance(node, sympy.Pow):
-        return _power(node.exp, prec)
-    table = _NUMERIC.get(type(node))
-    if table is None:
-        raise OutsideDomain(f"{type(node).__name__} cannot be evaluated here")
-    return table(prec)
-
-
-def switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | None:
+def _switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | None:
     """Return the outcome of a condition, Abs, sign, Min or Max from its value and its arguments' values.
 
     It is 0 or 1 for a condition, -1 or 1 for a sign, and the index of the selected argument for Min and Max. It is None
@@ -64,10 +54,6 @@ def switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | Non
     if isinstance(node, (sympy.Min, sympy.Max)):
         return list(arguments).index(value)
     return int(libmp.mpf_sign(arguments[0]))
-
-
-def _add(prec: int) -> Operation:
-    return lambda *terms: libmp.mpf_sum(terms, prec, "n")
 
 
 def _multiply(prec: int) -> Operation:
@@ -89,39 +75,27 @@ def _power(exponent: Any, prec: int) -> Operation:
     def power(base: Any, power: Any) -> Any:
         if base == libmp.fzero and libmp.mpf_sign(power) <= 0:
             raise ZeroDivisionError("zero to a power that is not positive")
-        return libmp.mpf_pow(base, _bounded(power), prec, "n")
+        return libmp.mpf_pow(base, _bounded(power, "growing"), prec, "n")
 
     return power
 
 
-def _unary(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
+def _unary(function: Callable[[Any, int, str], Any], spread: str) -> Callable[[int], Operation]:
     # Cached: differencing moves one coordinate at a time, so the same few arguments recur.
-    return lambda prec: lru_cache(maxsize=1024)(lambda x: function(x, prec, "n"))
+    return lambda prec: lru_cache(maxsize=1024)(lambda x: function(_bounded(x, spread), prec, "n"))
 
 
-def _bounded(x: Any) -> Any:
-    if x[2] + x[3] > _HUGE:
-        raise OverflowError("a number beyond any range")
-    return x
-
-
-def _growing(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
-    return _unary(lambda x, prec, rounding: function(_bounded(x), prec, rounding))
-
-
-def _periodic(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
-    return _unary(lambda x, prec, rounding: function(_double(x), prec, rounding))
-
-
-def _double(x: Any) -> Any:
-    if x[2] + x[3] > _RANGE:
-        raise OverflowError("an angle beyond the range of double precision")
+def _bounded(x: Any, spread: str) -> Any:
+    limit, message = _LIMITS[spread]
+    if x[2] + x[3] > limit:
+        raise OverflowError(message)
     return x
 
 
 def _reciprocal(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
-    return _periodic(
-        lambda x, prec, rounding: libmp.mpf_div(libmp.fone, function(x, prec + 10, rounding), prec, rounding)
+    return _unary(
+        lambda x, prec, rounding: libmp.mpf_div(libmp.fone, function(x, prec + 10, rounding), prec, rounding),
+        "periodic",
     )
 
 
@@ -143,10 +117,6 @@ def _atan2(prec: int) -> Operation:
     return atan2
 
 
-def _sign(_: int) -> Operation:
-    return lambda x: libmp.from_int(libmp.mpf_sign(x))
-
-
 def _sinc(x: Any, prec: int, rounding: str) -> Any:
     if x == libmp.fzero:
         return libmp.fone
@@ -156,13 +126,6 @@ def _sinc(x: Any, prec: int, rounding: str) -> Any:
 def _heaviside(x: Any, middle: Any) -> Any:
     side = libmp.mpf_sign(x)
     return middle if side == 0 else libmp.fone if side > 0 else libmp.fzero
-
-
-def _extreme(better: Callable[[Any, Any], bool]) -> Callable[[int], Operation]:
-    def choose(a: Any, b: Any) -> Any:
-        return a if better(a, b) else b
-
-    return lambda prec: lambda *xs: reduce(choose, xs)
 
 
 def _piecewise(_: int) -> Operation:
@@ -175,23 +138,21 @@ def _piecewise(_: int) -> Operation:
     return select
 
 
-_SPREAD = {"": _unary, "periodic": _periodic, "growing": _growing}
-
 _NUMERIC: dict[Any, Callable[[int], Operation]] = {
-    sympy.Add: _add,
+    sympy.Add: lambda prec: lambda *terms: libmp.mpf_sum(terms, prec, "n"),
     sympy.Mul: _multiply,
-    **{one.symbolic: _SPREAD[one.spread](one.precise) for one in ELEMENTARY.values()},
+    **{one.symbolic: _unary(one.precise, one.spread) for one in ELEMENTARY.values()},
     sympy.cot: _reciprocal(libmp.mpf_tan),
     sympy.sec: _reciprocal(libmp.mpf_cos),
     sympy.csc: _reciprocal(libmp.mpf_sin),
     sympy.atan2: _atan2,
     sympy.log: _log,
-    sympy.sinc: _periodic(_sinc),
+    sympy.sinc: _unary(_sinc, "periodic"),
     sympy.Heaviside: lambda _: _heaviside,
     sympy.Abs: lambda _: libmp.mpf_abs,
-    sympy.sign: _sign,
-    sympy.Min: _extreme(libmp.mpf_lt),
-    sympy.Max: _extreme(libmp.mpf_gt),
+    sympy.sign: lambda _: lambda x: libmp.from_int(libmp.mpf_sign(x)),
+    sympy.Min: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_lt(a, b) else b, xs),
+    sympy.Max: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_gt(a, b) else b, xs),
     sympy.Piecewise: _piecewise,
 }
 
@@ -204,10 +165,6 @@ def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
     if any(part is verdict for part in parts):
         return verdict
     return next((part for part in parts if not isinstance(part, bool)), not verdict)
-
-
-def _not(part: Any) -> Any:
-    return not part if isinstance(part, bool) else part
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
@@ -224,7 +181,7 @@ BOOLEAN: dict[Any, Operation] = {
     sympy.Unequality: lambda a, b: not libmp.mpf_eq(_number(a), _number(b)),
     sympy.And: lambda *parts: _decided(parts, verdict=False),
     sympy.Or: lambda *parts: _decided(parts, verdict=True),
-    sympy.Not: _not,
+    sympy.Not: lambda part: not part if isinstance(part, bool) else part,
     sympy.ITE: _either,
 }
 
@@ -257,18 +214,6 @@ class _Instruction(NamedTuple):
     arguments: tuple[int, ...]
     numeric: bool
     needs: int
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """Record of one evaluation.
-
-    `outcomes` has the outcome of each switch in `Precise.switches`, None for a switch without a value. `largest` is the
-    largest binary exponent of all intermediate values.
-    """
-
-    outcomes: tuple[int | None, ...]
-    largest: int
 
 
 class Precise:
@@ -307,15 +252,20 @@ class Precise:
         make = self.context.make_mpf
         return [make(values[slot]) for slot in self._outputs]
 
-    def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
-        """Evaluate once; return outcomes of switches and the largest exponent. Raises OutsideDomain as a call does."""
+    def inspect(
+        self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]
+    ) -> tuple[tuple[int | None, ...], int]:
+        """Return the outcome of each switch, None without a value, and the largest binary exponent of all values.
+
+        Raises OutsideDomain as a call does.
+        """
         values = self._run(q, v, t, parameters)
         outcomes = tuple(
-            switch_outcome(node, values[out], [values[i] for i in arguments])
+            _switch_outcome(node, values[out], [values[i] for i in arguments])
             for node, (out, arguments) in zip(self.switches, self._switch_code, strict=True)
         )
         exponents = [value[2] + value[3] for value in values if isinstance(value, tuple) and value[1]]
-        return Inspection(outcomes, max(exponents, default=0))
+        return outcomes, max(exponents, default=0)
 
     def perturbed(self, size: float, seed: int) -> Precise:
         """Return a copy in which every computed number and its slope have fixed random factors 1 + O(size).
@@ -455,11 +405,16 @@ class _Recorder:
         arguments = tuple(self._slots[child] for child in children(node))
         operation = BOOLEAN.get(type(node))
         numeric = operation is None
+        if operation is None and isinstance(node, sympy.Pow):
+            operation = _power(node.exp, self.prec)
+        elif operation is None and type(node) in _NUMERIC:
+            operation = _NUMERIC[type(node)](self.prec)
+        elif operation is None:
+            raise OutsideDomain(f"{type(node).__name__} cannot be evaluated here")
         for argument in arguments:
             self._needs[slot] |= self._needs[argument]
         # A constant is computed once, in the first evaluation.
-        needs = self._needs[slot] or _ALWAYS
-        self.code.append(_Instruction(slot, operation or numeric_operation(node, self.prec), arguments, numeric, needs))
+        self.code.append(_Instruction(slot, operation, arguments, numeric, self._needs[slot] or _ALWAYS))
         if isinstance(node, _SWITCHES):
             self.switches[node] = (slot, arguments)
 

@@ -288,14 +288,6 @@ class _Interval:
     improve: Improvement
 
 
-def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
-    """Return the scale of each acceleration, (n,): a value that changes the motion noticeably within the time h."""
-    sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
-    sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
-    least = 1e-15 * float(sizes.max())
-    return np.asarray(np.maximum(sizes, least or 1.0))
-
-
 class _TooLong(Exception):
     """Error: the interval is too long. The iteration fails, or the rule does not resolve the accelerations."""
 
@@ -354,7 +346,10 @@ class _PreciseRun:
                 improve = self._improvement(times, h, y)
                 change = improve(a - computed)
                 a = a + change
-                sizes = _sizes(self.rule.spectrum @ a, q, v, h)
+                # A change of an acceleration by its size changes the motion noticeably within the time h.
+                terms = (np.abs(self.rule.spectrum @ a), np.abs(v) / abs(h), np.abs(q) / h**2)
+                sizes = np.max([term.max(axis=0) for term in terms], axis=0)
+                sizes = np.maximum(sizes, 1e-15 * float(sizes.max()) or 1.0)
                 left = float((np.abs(change) / sizes).max())
                 if not left < np.inf:
                     raise _TooLong

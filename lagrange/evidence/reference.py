@@ -20,7 +20,6 @@ from lagrange.evidence.constraint_laws import (
     acceleration_level,
     bordered,
     gradient,
-    position_level,
     reactions,
     velocity_level,
 )
@@ -127,7 +126,12 @@ class Reference:
             entries[name] = ReferenceEntries(*(_spread(x, indices, length) for x in (value, error, sizes)))
             entries[name].check_smooth()
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
-        return self._with_rates(entries, point, columns)
+        n = len(point.q)
+        velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
+        slopes, jacobian = entries.pop("jacobian"), ReferenceEntries([], [], [])
+        for k, j in enumerate(columns):
+            jacobian = jacobian + ReferenceEntries.exactly([int(j == n + i) for i in range(n)]) + slopes.part(k * n, n)
+        return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
     def _with_floor(
         self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
@@ -144,19 +148,6 @@ class Reference:
         sizes = [max(size, floors[k % n]) for k, size in enumerate(slopes.size)]
         return ReferenceEntries(slopes.value, slopes.error, sizes)
 
-    def _with_rates(
-        self, entries: dict[str, ReferenceEntries], point: SamplePoint, columns: Sequence[int]
-    ) -> dict[str, ReferenceEntries]:
-        """Return the entries with the complete rhs and jacobian: rows of dq/dt = v, then rows of the accelerations."""
-        n = len(point.q)
-        velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
-        slopes = entries.pop("jacobian")
-        jacobian = ReferenceEntries([], [], [])
-        for k, j in enumerate(columns):
-            upper = ReferenceEntries.exactly([int(j == n + i) for i in range(n)])
-            jacobian = jacobian + upper + slopes.part(k * n, n)
-        return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
-
     @property
     def switches(self) -> tuple[Any, ...]:
         """The conditions, Abs, sign, Min and Max in L, Q, D and the constraints: they select between formulas."""
@@ -166,10 +157,10 @@ class Reference:
         """Return the outcome of each switch, None without effect. Raises OutsideDomain if a law has no value."""
         outcomes: tuple[int | None, ...] = ()
         for source in (self.lagrangian, self.loads, self.held):
-            inspection = source.inspect(point.q, point.v, point.t, point.parameters)
-            if inspection.largest > EXPONENT_LIMIT:
+            ways, largest = source.inspect(point.q, point.v, point.t, point.parameters)
+            if largest > EXPONENT_LIMIT:
                 raise BeyondDoubles("a number beyond the range of double precision")
-            outcomes += inspection.outcomes
+            outcomes += ways
         return outcomes
 
     def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> dict[str, Row]:
@@ -323,8 +314,12 @@ class Reference:
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
         if self.holonomic:
-            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
-            entries["constraints"] = [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)]
+            exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
+            entries["constraint_gradient"] = list(chain.from_iterable(slopes))
+            entries["multipliers"], entries["constraint_bias"] = multipliers, held_bias
+            entries["constraint_forces"] = list(chain.from_iterable(exerted))
+            positions = held.chosen(held.for_rates(q, v, t), [0] * len(self.holonomic))
+            entries["constraints"] = [*positions, *velocity_level(held, q, v, t, steps)]
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
@@ -370,16 +365,6 @@ class Reference:
                 change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
                 off[i][j] = off[j][i] = off[i].get(j, 0) + change
         return off
-
-
-def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nudge) -> dict[str, Numbers]:
-    """Return the gradient G, the multipliers and the constraint forces by name; `slopes` are the rows of G."""
-    exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
-    return {
-        "constraint_gradient": list(chain.from_iterable(slopes)),
-        "multipliers": multipliers,
-        "constraint_forces": list(chain.from_iterable(exerted)),
-    }
 
 
 def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -88,7 +88,7 @@ class Report(ShownAsPage):
             )
         sentences.extend(
             f"{row.quantity}, entry {row.entry}: compiled {row.compiled:.17g}, expected {row.reference:.17g} (error "
-            f"{row.error:.1e}, limit {self.limit:.1e}) at {self._point(row.point)}"
+            f"{row.error:.1e}, limit {self.limit:.1e}) at {self.points[row.point - 1]}"
             for row in self.rows
             if self.limit < row.error < math.inf
         )
@@ -124,9 +124,6 @@ class Report(ShownAsPage):
 
     def _reasons(self) -> str:
         return ", ".join(f"{count} x {reason}" for reason, count in self.outside.items())
-
-    def _point(self, number: int) -> str:
-        return self.points[number - 1]
 
 
 SMOOTHNESS = 1e-14
@@ -240,7 +237,11 @@ class Comparison:
             relative = relative_error(np.abs((near - compiled) + rest), *part.allowance)
         finite = np.isfinite(compiled), np.isfinite(near)
         for i in map(int, np.flatnonzero(finite[0] != finite[1])):
-            self._add_broken(row, labels[i], values[i])
+            tally.error = math.inf
+            if row not in self._said:
+                self._said.add(row)
+                sentence = f"entry {labels[i]}: the statement has a value, the compiled code gives {values[i]}"
+                self.report_unexplained(f"{row}, {sentence}")
         relative[~(finite[0] & finite[1])] = -1.0
         worst = int(np.argmax(relative)) if relative.size else -1
         if worst >= 0 and relative[worst] > tally.error:
@@ -267,12 +268,6 @@ class Comparison:
             )
             for row, tally in self._tallies.items()
         )
-
-    def _add_broken(self, row: str, label: str, value: float) -> None:
-        self._tallies[row].error = math.inf
-        if row not in self._said:
-            self._said.add(row)
-            self.report_unexplained(f"{row}, entry {label}: the statement has a value, the compiled code gives {value}")
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
@@ -326,12 +321,15 @@ def computed_batch(
     model: Model, name: str, point: SamplePoint, columns: Sequence[int]
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
-    near = [_beside(point, 1e-6 * k) for k in range(LANES)]
+    near = []
+    for factor in (1.0 + 1e-6 * k for k in range(LANES)):
+        q, v = (tuple(x * factor for x in values) for values in (point.q, point.v))
+        near.append(replace(point, q=q, v=v, t=point.t * factor))
     singles = [computed(model, name, shifted, columns) for shifted in near]
-    q, v = (np.array([getattr(shifted, part) for shifted in near]).T for part in ("q", "v"))
+    qs, vs = (np.array([getattr(shifted, part) for shifted in near]).T for part in ("q", "v"))
     t = np.array([shifted.t for shifted in near])
     try:
-        block = _evaluate(model, name, q, v, t, point.parameters, columns)
+        block = _evaluate(model, name, qs, vs, t, point.parameters, columns)
     except RunError:
         block = np.full((len(singles[0]), LANES), math.nan)
     lanes = block.reshape(-1, LANES)
@@ -349,9 +347,3 @@ def _evaluate(
         whole = model.jacobian(t, np.concatenate([q, v]), parameters)
         return np.moveaxis(whole[:, list(columns)], 0, 1)
     return np.asarray(model.evaluate(name, q, v, t, parameters))
-
-
-def _beside(point: SamplePoint, shift: float) -> SamplePoint:
-    """Return a copy of a point with a small relative shift, so that the states of a batch differ."""
-    q, v = (tuple(x * (1.0 + shift) for x in values) for values in (point.q, point.v))
-    return SamplePoint(q, v, point.t * (1.0 + shift), point.parameters, point.kind)

@@ -261,10 +261,8 @@ Move = tuple[float, float, float]
 """(x, r, s): an entry x of a state is moved to x + s r, with a random number r and a size s."""
 
 
-@lru_cache(maxsize=4)
-def scales_of(statement: Statement) -> Scales:
-    """Return the typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
-    return Scales(statement)
+_scales_of = lru_cache(maxsize=4)(Scales)
+"""Typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
 
 
 class Sampler:
@@ -273,7 +271,7 @@ class Sampler:
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
         self._draw = random.Random(seed)
-        scales = scales_of(statement)
+        scales = _scales_of(statement)
         # Points with the default parameters share their sizes.
         self._sizes = lru_cache(maxsize=2)(
             lambda values, start: scales.sizes(dict(zip(statement.parameters, values, strict=True)), start)

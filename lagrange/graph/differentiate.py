@@ -18,31 +18,17 @@ Partial = tuple[int, Node]
 """Index of an argument, and the partial derivative of the node in it."""
 
 
-def _sum(node: Node) -> list[Partial]:
-    graph = node.graph
-    return [(i, graph.constant(c)) for i, c in enumerate(node.data[1])]
-
-
-def _product(node: Node) -> list[Partial]:
-    graph = node.graph
-    return [(i, graph.product(node.args[:i] + node.args[i + 1 :])) for i in range(len(node.args))]
-
-
-def _power(node: Node) -> list[Partial]:
-    graph, exponent = node.graph, node.data
-    return [(0, graph.sum(((exponent, graph.power(node.args[0], exact(exponent - 1))),)))]
-
-
-def _call(node: Node) -> list[Partial]:
-    return [(i, rule(node, *node.args)) for i, rule in enumerate(FUNCTIONS[node.data].partials)]
-
-
 PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
-    Kind.SUM: _sum,
-    Kind.PRODUCT: _product,
-    Kind.POWER: _power,
-    Kind.CALL: _call,
+    Kind.SUM: lambda node: [(i, node.graph.constant(c)) for i, c in enumerate(node.data[1])],
+    Kind.PRODUCT: lambda node: [
+        (i, node.graph.product(node.args[:i] + node.args[i + 1 :])) for i in range(len(node.args))
+    ],
+    Kind.POWER: lambda node: [
+        (0, node.graph.sum(((node.data, node.graph.power(node.args[0], exact(node.data - 1))),)))
+    ],
+    Kind.CALL: lambda node: [(i, rule(node, *node.args)) for i, rule in enumerate(FUNCTIONS[node.data].partials)],
 }
+"""Partial derivatives of a node in its arguments, by kind."""
 
 
 def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:

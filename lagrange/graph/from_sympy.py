@@ -77,18 +77,6 @@ def _number(number: Any) -> int | Fraction:
     return -value if negative else value
 
 
-def _add(graph: Graph, *args: Node) -> Node:
-    return graph.sum([(1, arg) for arg in args])
-
-
-def _mul(graph: Graph, *args: Node) -> Node:
-    return graph.product(args)
-
-
-def _pow(graph: Graph, base: Node, exponent: Node) -> Node:
-    return graph.call("pow", base, exponent)
-
-
 def _piecewise(graph: Graph, *args: Node) -> Node:
     branches: list[tuple[Node, Node]] = []
     for value, condition in zip(args[::2], args[1::2], strict=True):
@@ -133,14 +121,10 @@ def _fold(name: str) -> Callable[..., Node]:
     return lambda graph, *args: reduce(lambda a, b: graph.call(name, a, b), args)
 
 
-def _swapped(name: str) -> Callable[..., Node]:
-    return lambda graph, a, b: graph.call(name, b, a)
-
-
 _BUILD: dict[Any, Callable[..., Node]] = {
-    sympy.Add: _add,
-    sympy.Mul: _mul,
-    sympy.Pow: _pow,
+    sympy.Add: lambda graph, *args: graph.sum([(1, arg) for arg in args]),
+    sympy.Mul: lambda graph, *args: graph.product(args),
+    sympy.Pow: _call("pow"),
     sympy.Piecewise: _piecewise,
     **{one.symbolic: _call(one.name) for one in ELEMENTARY.values()},
     sympy.cot: lambda graph, a: graph.call("cos", a) / graph.call("sin", a),
@@ -155,8 +139,8 @@ _BUILD: dict[Any, Callable[..., Node]] = {
     sympy.Max: _fold("max"),
     sympy.StrictLessThan: _call("less"),
     sympy.LessThan: _call("less_equal"),
-    sympy.StrictGreaterThan: _swapped("less"),
-    sympy.GreaterThan: _swapped("less_equal"),
+    sympy.StrictGreaterThan: lambda graph, a, b: graph.call("less", b, a),
+    sympy.GreaterThan: lambda graph, a, b: graph.call("less_equal", b, a),
     sympy.Equality: _call("equal"),
     sympy.Unequality: lambda graph, a, b: graph.call("not", graph.call("equal", a, b)),
     sympy.And: _fold("and"),

@@ -35,7 +35,12 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
     built: dict[Node, Node] = {}
     for node in order:
         for part in _unbuilt_parts(node, splits, built):
-            built[part] = _rebuild(graph, part, splits, built)
+            if part in splits:
+                split = splits[part]
+                rest = [(c, built[term]) for c, term in split.rest]
+                built[part] = graph.sum([(split.ratio, built[split.part]), *rest], part.data[0])
+            else:
+                built[part] = rebuild(part, [built[arg] for arg in part.args])
     return [built[node] for node in outputs]
 
 
@@ -48,14 +53,6 @@ def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Nod
             break
         node = splits[node].part
     return chain[::-1]
-
-
-def _rebuild(graph: Graph, node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> Node:
-    if node in splits:
-        split = splits[node]
-        rest = [(c, built[term]) for c, term in split.rest]
-        return graph.sum([(split.ratio, built[split.part]), *rest], node.data[0])
-    return rebuild(node, [built[arg] for arg in node.args])
 
 
 def _splits(sums: list[Node]) -> dict[Node, _Split]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from lagrange.graph.node import Graph, Kind, Node, reachable
+from lagrange.graph.node import Kind, Node, reachable
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 BOUNDED = frozenset(one.name for one in ELEMENTARY.values() if one.size == "bounded")
@@ -38,12 +38,8 @@ def _size(node: Node, sizes: dict[Node, Node]) -> Node:
         return graph.product(inner)
     if node.kind is Kind.POWER and node.data > 0:
         return graph.power(inner[0], node.data)
-    if node.kind is Kind.CALL:
-        return _size_of_call(graph, node, inner)
-    return graph.call("abs", node)
-
-
-def _size_of_call(graph: Graph, node: Node, inner: list[Node]) -> Node:
+    if node.kind is not Kind.CALL:
+        return graph.call("abs", node)
     if node.data in BOUNDED:
         return graph.one
     if node.data in ("min", "max"):

@@ -326,7 +326,8 @@ class EquationRow:
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
-        return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
+        outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
+        return outcomes
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the coefficients and the rest at a sample, as numbers. Raises OutsideDomain if one has no value."""

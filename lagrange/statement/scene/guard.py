@@ -89,16 +89,12 @@ def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
             yield node
 
 
-def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
-    """Return the expression with symbols replaced by `table`. Terms are sorted as SymPy does, but nothing is evaluated.
-
-    SymPy assumes that x(t) may be complex: evaluation with it would rewrite roots and absolute values.
-    """
-    return replaced(expression, dict(table))
-
-
 def replaced(expression: Any, done: dict[Any, Any]) -> Any:
-    """Return the expression with its parts replaced; `done` maps parts to their replacements, and is extended."""
+    """Return the expression with its parts replaced; `done` maps parts to their replacements, and is extended.
+
+    Terms are sorted as SymPy does, but nothing is evaluated: with x(t), which SymPy assumes to be complex, evaluation
+    would rewrite roots and absolute values.
+    """
     for node in parts_first(expression, done):
         args = [done[part] for part in node.args]
         done[node] = node if all(new is old for new, old in zip(args, node.args, strict=True)) else _rebuilt(node, args)
