@@ -76,14 +76,11 @@ def plane_of(statement: Statement, given: Any, label: str, default_count: int) -
     return first, second
 
 
-def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) -> Axis:
-    """Return the axis for an entry of the state, `key`, whose `span` is (low, high) or (low, high, count).
-
-    `count` is the default number of values, and `what` names the argument in errors.
-    """
-    row = row_of(statement, key, what)
+def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default: int) -> Axis:
+    """Return the axis of an entry of the state, from (low, high) or (low, high, number)."""
+    row = row_of(statement, entry, argument)
     name = statement.state_names[row]
-    low, high, several = range_of(span, f"the range of {name}", count)
+    low, high, several = range_of(span, f"the range of {name}", default)
     return Axis(name, row, low, high, several)
 
 

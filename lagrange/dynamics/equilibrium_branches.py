@@ -70,10 +70,7 @@ TIP = 12
 def equilibrium_branches(
     model: Model, parameter: str, values: FloatArray, progress: Report | None = None
 ) -> BranchesData:
-    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if none is found.
-
-    The other parameters have the default values of `model`.
-    """
+    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if none."""
     statement = model.statement
     symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))

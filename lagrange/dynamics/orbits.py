@@ -126,10 +126,7 @@ class Orbit:
 def orbit(
     runs: Runs, window: PlaneWindow, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
 ) -> Orbit:
-    """Return the orbit through the state `start` at the time `begin`, followed forwards until an event of `exits`.
-
-    With `both_ways` it is also followed backwards, unless it closes.
-    """
+    """Return the orbit through a state until an event of `exits`, unless closed also backwards if `both_ways`."""
     forwards = runs(start, begin, begin + window.reach, events=exits)
     forwards, closed = _closed(window, forwards) if both_ways else (forwards, False)
     if closed or not both_ways or forwards.status is Status.INTERRUPTED:

@@ -26,10 +26,7 @@ HIGHEST = 3
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-    """Return numerator `above` and denominator `below` without their common factor. Factors count as variables.
-
-    No factor may divide all terms of `below`.
-    """
+    """Return a numerator and denominator without their common factor; no factor may divide all of `below`."""
     variables = _Variables([above, below])
     parts = _parts(above, below)
     short = all(len(part) > 1 for part in parts) and 1 < len(below) <= LONGEST_DENOMINATOR
@@ -89,10 +86,7 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
 
 
 def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
-    """Return a group of terms with the lowest power of factor `k` taken out, if this leaves fewer terms.
-
-    The rest is multiplied out, and divided by the factor while there is no remainder.
-    """
+    """Return terms with the lowest power of factor `k` taken out and the rest multiplied out, if that is shorter."""
     exponents = [dict(monomial).get(k, 0) for monomial in group]
     lowest, highest = min(exponents), max(exponents)
     if len(group) < 2 or lowest >= 1 or highest - lowest > HIGHEST:

@@ -282,10 +282,7 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """True if the mass matrix is constant and M a does not depend on velocities, so that a does not either.
-
-        None if undecided. None also with constraints, whose forces may depend on velocities.
-        """
+        """True if accelerations do not depend on velocities; None if undecided, or with constraints."""
         laws = self.laws
         if len(laws.constraints):
             return None

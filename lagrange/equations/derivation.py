@@ -321,10 +321,7 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if the stated T + V may be shown as the energy v . p - L, to which it is equal, and L is short.
-
-        They are equal if T is homogeneous of degree two in the velocities, and V does not contain velocities.
-        """
+        """True if T + V, short and equal to v . p - L by the degrees of T and V, may be shown as the energy."""
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -379,10 +376,7 @@ def _shorter(collected: Any, stated: Any) -> Any:
 
 
 def _length(form: Any) -> tuple[int, int]:
-    """Return the number of operations and the number of terms of an expression.
-
-    A common denominator counts once for each term above it. So I/R**2 + m is shorter than (I + m*R**2)/R**2.
-    """
+    """Return the numbers of operations and terms; a common denominator counts once for each term above it."""
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]
     terms = [fraction(term)[0] for node in nodes if node.is_Add for term in node.args] if below else []

@@ -62,10 +62,7 @@ class StateLayout:
         return y[self.q], y[self.v]
 
     def names(self, ending: str = "_dot") -> tuple[str, ...]:
-        """Return the name of each entry of a state: theta for a coordinate, theta_dot for a velocity.
-
-        `ending` is the suffix of the velocities.
-        """
+        """Return the name of each entry of a state: theta for a coordinate, theta_dot for a velocity."""
         return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))
 
 
@@ -225,10 +222,7 @@ def rates_of(
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return the multipliers of all stated constraints with the least norm that give the same constraint forces.
-
-    `multipliers` belong to the constraints with the indices `kept`, whose rows span all rows of G.
-    """
+    """Return the multipliers of all constraints with the least norm, for those of the constraints `kept`."""
     others = [i for i in range(len(stated)) if i not in kept]
     if not others:
         return list(multipliers)

@@ -121,10 +121,7 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
-    """Return the indices of a largest set of independent constraints, at a state that satisfies all constraints.
-
-    The other constraints follow from this set. Raises StatementError if `reach` finds no such state.
-    """
+    """Return a largest set of independent constraints, which the others follow from, at a reached state."""
     tried, count = Tried(equations, statement), len(statement.constraints)
     states, parameters = tried.starts(), tried.some_parameters(statement)
     gradient = [entry for row in equations.stated.gradient for entry in row]

@@ -115,10 +115,7 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of the rows `held` that is nearest to zero. With `alike` each row is first normalised.
-
-    `scale` are the scale factors by which the rows were divided.
-    """
+    """Return the combination of the scaled rows `held` nearest to zero; rows made `alike` are first normalised."""
     sizes = np.sqrt((held**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
     left, values, _ = np.linalg.svd(held / units[:, None])
@@ -199,10 +196,7 @@ def few(parts: list[str]) -> str:
 
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
-    """Return the message for constraints that are dependent at every state that satisfies them.
-
-    With `allowed`, the statement allows redundant constraints, and another remedy is named.
-    """
+    """Return the message for constraints that are dependent at every state that satisfies them."""
     if any(names[i].startswith(RELATION) for i, _ in singular.rows):
         return (
             f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, reduce
 from math import gcd, lcm, prod
 from typing import Any
 
@@ -126,16 +126,12 @@ def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
     return expression.replace(lambda node: node.func in table, lambda node: table[node.func](*node.args))
 
 
-def _maximum(first: Any, *rest: Any) -> Any:
-    for other in rest:
-        first = sympy.Piecewise((first, first >= other), (other, True))
-    return first
+def _maximum(*numbers: Any) -> Any:
+    return reduce(lambda a, b: sympy.Piecewise((a, a >= b), (b, True)), numbers)
 
 
-def _minimum(first: Any, *rest: Any) -> Any:
-    for other in rest:
-        first = sympy.Piecewise((first, first <= other), (other, True))
-    return first
+def _minimum(*numbers: Any) -> Any:
+    return reduce(lambda a, b: sympy.Piecewise((a, a <= b), (b, True)), numbers)
 
 
 class Algebra:

@@ -99,10 +99,7 @@ class StatedAlgebra:
         return self.algebra.read(differentiable(plain))
 
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
-        """Return True if one of the symbols is inside a function of `JUMPING`, whose derivative does not show the jump.
-
-        With `twice`, |x| counts too: its first derivative jumps, which its second derivative does not show.
-        """
+        """Return True if one of the symbols is inside a function that jumps, or (twice) whose derivative does."""
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
         kinds = (*JUMPING, sympy.Abs) if twice else JUMPING

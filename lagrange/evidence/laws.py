@@ -52,17 +52,12 @@ def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, st
     return central(slope, step_x)
 
 
-def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimate:
-    """Return the limit at 0 of a rule whose error is a series in even powers of its argument.
-
-    The rule is called with `scale` and with half of it. The argument may scale several steps at once. Then nested
-    differences, and results computed from them such as solutions of linear systems, extrapolate together.
-    """
-    return extrapolated(rule(scale), rule(scale / 2))
-
-
 def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
-    """Return the limit at step 0 of results with a step (`coarse`) and with half of it (`fine`)."""
+    """Return the limit at step 0 of results with steps (`coarse`) and with half of all of them (`fine`).
+
+    Their error is a series in even powers of the step. Nested differences, and results computed from them such as
+    solutions of linear systems, extrapolate together.
+    """
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
     return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
 

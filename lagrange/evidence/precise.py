@@ -158,10 +158,7 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the value of And (`verdict` False) or Or (`verdict` True) of `parts`, some of which may have no value.
-
-    The result is `verdict` if a part equals it, else the first part without a value, else the opposite.
-    """
+    """Return And (`verdict` False) or Or (True) of parts; one without a value counts unless another decides."""
     if any(part is verdict for part in parts):
         return verdict
     return next((part for part in parts if not isinstance(part, bool)), not verdict)

@@ -39,10 +39,7 @@ _context = cache(precise)
 
 
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
-    """Return the outputs of a program at time t, state y and parameters, as numbers with `digits` digits.
-
-    Doubles are converted exactly. Raises NoValue if an operation has no real, finite value, or a matrix is singular.
-    """
+    """Return a program's outputs to `digits` digits. Raises NoValue for a value not real or finite, or no solution."""
     return _Evaluation(program, _context(digits)).run(t, y, parameters)
 
 

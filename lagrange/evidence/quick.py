@@ -94,10 +94,7 @@ def _accelerations(model: Model, point: SamplePoint) -> list[float]:
 
 
 def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> list[float]:
-    """Return the part of a direction that is orthogonal to the rows of the constraint gradient G, in doubles.
-
-    G is the compiled one: if it is wrong, the constraint forces do not vanish along the result, and the test fails.
-    """
+    """Return the part of a direction orthogonal to the compiled gradient G, so that a wrong G fails the test."""
     if not model.statement.constraints:
         return list(direction)
     kernel = model.interpreted("constraint_gradient")

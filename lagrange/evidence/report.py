@@ -271,10 +271,7 @@ class Comparison:
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
-    """Return the error `off` relative to the size of the entry; it is accepted if it is at most LIMIT.
-
-    Ten times the uncertainty of the reference is allowed in addition, by a larger denominator.
-    """
+    """Return the error relative to the entry, at most LIMIT if right, allowing ten times the uncertainty."""
     return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
 

@@ -311,10 +311,7 @@ class Sampler:
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return q and v after random moves from the initial state: each is (entry, random number, size).
-
-        A typical magnitude in `scales` other than 1 replaces the size of a move.
-        """
+        """Return q and v after moves (entry, random number, size); a scale other than 1 replaces a size."""
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]

@@ -317,7 +317,10 @@ def trust_horizon(
         differences.append(difference)
         witnesses.append(name)
     if len(ends) < WITNESSES:
-        raise RunError(f"no two other methods run {model.statement.name} from there: nothing to hold the run against.")
+        raise RunError(
+            f"the accuracy of this run of {model.statement.name} is not known: fewer than {WITNESSES} runs by other "
+            "methods succeed from its initial state. Choose another initial state, or another span."
+        )
     rounded = START_PERTURBATION * (np.abs(states) / unit[:, None]).max(axis=0)
     bounds = SAFETY * np.maximum.accumulate(np.max([*differences, rounded], axis=0))
     last = min(sorted(ends)[-WITNESSES], int(np.searchsorted(bounds, allowed, side="right"))) - 1

@@ -55,10 +55,7 @@ def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> 
 
 
 def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
-    """Return the outputs in doubles, (outputs, count), at `count` points.
-
-    `point` has an array (count,) for every symbol. A value that is not defined is NaN or infinite.
-    """
+    """Return the outputs (outputs, count) at points {symbol: (count,)}; undefined values are NaN or infinite."""
     outputs = list(outputs)
     results: dict[Node, Any] = dict(point)
     with np.errstate(all="ignore"):

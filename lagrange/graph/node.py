@@ -226,10 +226,7 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum of coefficient * node as a product, with the common factors of all terms taken out.
-
-        Without common factors, a coefficient that all terms have in common up to sign is taken out.
-        """
+        """Return the sum as a product with common factors of all terms, else a common coefficient, taken out."""
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
         common = list(_factors(items[0][0]))

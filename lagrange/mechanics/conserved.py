@@ -104,10 +104,7 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return the conserved quantities that are proven; others may exist.
-
-    Raises RunError if a proven quantity changes along the compiled motion, which is a fault of this library.
-    """
+    """Return the proven conserved quantities. Raises RunError if a compiled motion changes one: our fault."""
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
         check_constant(model, {quantity.name: in_full(quantity.expression) for quantity in quantities})
@@ -152,7 +149,7 @@ def _momenta_of_turns(
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
-        if not _holds(equation, candidate):
+        if _proven(equation, candidate, complete=False) is None:
             continue
         if statement.reading is None:
             momentum = stated.show(equation.quantity(candidate))
@@ -194,20 +191,11 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
             yield symmetry
 
 
-def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
-    """Return True if a short proof shows that the symmetry `candidate` leaves the Lagrangian unchanged."""
+def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
+    """Return the symmetry, if need be completed by a gauge function F(q, t); None if no short proof succeeds."""
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
-            return equation.proven(candidate)
-    except TooLargeError:
-        return False
-
-
-def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
-    """Return the symmetry completed with its gauge function F(q, t), or None if no proof succeeds."""
-    try:
-        with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
-            symmetry = equation.completed(candidate)
+            symmetry = equation.completed(candidate) if complete else candidate
             return symmetry if symmetry is not None and equation.proven(symmetry) else None
     except TooLargeError:
         return None

@@ -70,10 +70,7 @@ class Equilibrium(ShownAsPage):
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
-    """Return the equilibria, sorted by energy. They are symbolic if the equations can be solved, else numerical.
-
-    `rates` maps ignorable coordinates to steady velocities, or is None. Raises StatementError if there are none.
-    """
+    """Return the equilibria at steady `rates` of ignorable coordinates, by energy. Raises StatementError if none."""
     problem = _Problem(statement, rates)
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:

@@ -170,10 +170,7 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point that the mapping `at` states. Coordinates, velocities and inputs without an entry are zero.
-
-    Each quaternion gets the constraint of length one. Raises StatementError also for rates of a rotation.
-    """
+    """Return the point `at`, where coordinates, velocities and inputs without an entry are zero."""
     values, chosen = stated_values(statement, at, inputs)
     if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
         raise StatementError(

@@ -192,10 +192,7 @@ def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
 
 
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
-    """Return roots and shapes in symbols, or None if the characteristic polynomial is too long or does not factor.
-
-    Its factors must have degree one or two, in w^2 without damping, else in s or s^2.
-    """
+    """Return roots and shapes in symbols, None unless a short polynomial has factors of degree one or two."""
     s = sympy.Dummy("s")
     plain = lin.C.is_zero_matrix
     pencil = lin.K - s * lin.M if plain else lin.M * s**2 + lin.C * s + lin.K
@@ -221,10 +218,7 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 
 
 def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of a polynomial in `x`, or None if a factor has a degree above two.
-
-    If `plain`, x is w^2, without damping. Else if `even`, x is s^2. Else x is s, and a damped pair is one root.
-    """
+    """Return the roots of a polynomial in x, or None: x is w^2 if `plain`, s^2 if `even`, else s or a damped pair."""
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):

@@ -85,10 +85,7 @@ def rational_below(given: Any) -> Any:
 
 
 def root_of_square(given: Any) -> Any:
-    """Return the square root of an expression, with squares of polynomials in roots of positive symbols taken out.
-
-    For a - 2 sqrt(a b) + b, which is (sqrt(a) - sqrt(b))^2, the result is |sqrt(a) - sqrt(b)|.
-    """
+    """Return the root of an expression; that of a - 2 sqrt(a b) + b is |sqrt(a) - sqrt(b)|."""
     powers = [x for x in given.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
     bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
     if not bases or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:

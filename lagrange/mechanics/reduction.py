@@ -76,10 +76,7 @@ def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
 
 
 def with_origin(made: Statement, statement: Statement) -> Statement:
-    """Return the derived statement `made` with the description, source, run settings and dimensions of the original.
-
-    Events are left out, since they are stated in the original coordinates and parameters.
-    """
+    """Return the derived statement with texts, run settings and dimensions, but not the events, of the original."""
     left = {t, *made.coordinates, *made.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
     run = replace(statement.run, events=())

@@ -111,10 +111,7 @@ def has_inertia(lin: Linearization) -> bool:
 
 
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of the stiffness K at fixed momenta. If all are positive, the energy has a minimum.
-
-    `gone` are the indices of the ignorable coordinates. The result is empty if M is singular.
-    """
+    """Return the leading minors of K at fixed momenta of `gone`: all positive means stable. Empty if M is singular."""
     if not has_inertia(lin):
         return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
@@ -309,10 +306,7 @@ class EigenvaluePath:
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
-    """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
-
-    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
-    """
+    """Return the eigenvalues at values of a parameter, about the equilibrium near `at`, as for `linearize`."""
     by_name = {p.name: p for p in statement.parameters}
     label = label_of(parameter)
     if label not in by_name:
@@ -391,10 +385,7 @@ def _stated(point: StatedPoint, given: Any) -> FloatArray | None:
 
 
 def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the state (2n,) of the equilibrium at `given` values of the parameters, or None if Newton's method fails.
-
-    `before` is the state at the previous value, or None.
-    """
+    """Return the equilibrium (2n,) near the one `before` at given parameters, or None if Newton's method fails."""
     state, (q, v) = _stated(point, given), (model.layout.q, model.layout.v)
     if state is None:
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from typing import Any
 
@@ -133,13 +133,10 @@ def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tu
             if any(displacement[len(body.r) :]):
                 continue
             for sense in (1, -1):
-                if all(_same(stated, x, sense * y) for x, y in zip(moved, displacement, strict=False)):
+                differences = (x - sense * y for x, y in zip(moved, displacement, strict=False))
+                if all(is_identity(stated.algebra, stated.algebra.read(x)) for x in differences):
                     return name, sense
     return None
-
-
-def _same(stated: StatedAlgebra, first: Any, second: Any) -> bool:
-    return is_identity(stated.algebra, stated.algebra.read(first - second))
 
 
 def untaken(name: str, taken: Sequence[str]) -> str:
@@ -221,29 +218,24 @@ class Symmetry:
     gauge: Any = S.Zero
 
 
-@dataclass(frozen=True, eq=False)
 class SymmetryEquation:
     """Condition of a symmetry of a statement: it tests symmetries and finds their gauge functions.
 
     It contains the generalized forces and their power, as sums of monomials.
     """
 
-    stated: StatedAlgebra
-    forces: Sequence[MonomialSum] = field(init=False)
-    power: MonomialSum = field(init=False)
-
-    def __post_init__(self) -> None:
-        stated, algebra = self.stated, self.stated.algebra
+    def __init__(self, stated: StatedAlgebra) -> None:
+        self.stated, algebra = stated, stated.algebra
         drag = stated.read(stated.statement.dissipation)
         applied = [
             algebra.add(stated.read(force), algebra.scale(algebra.differentiate(drag, v), S.NegativeOne))
             for force, v in zip(stated.statement.forces, stated.v, strict=True)
         ]
         slopes = [algebra.differentiate(stated.lagrangian, q) for q in stated.q]
-        object.__setattr__(self, "forces", [algebra.add(*pair) for pair in zip(slopes, applied, strict=True)])
+        self.forces = [algebra.add(*pair) for pair in zip(slopes, applied, strict=True)]
         work = [algebra.multiply(q, stated.symbol(v)) for q, v in zip(applied, stated.v, strict=True)]
         lost = algebra.scale(algebra.differentiate(stated.lagrangian, stated.time), S.NegativeOne)
-        object.__setattr__(self, "power", algebra.add(lost, *work))
+        self.power = algebra.add(lost, *work)
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
         """Return the time derivative of p . xi - tau E - F along the motion, which is zero for a symmetry.

@@ -81,10 +81,7 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_symbol(name: str, what: str) -> str:
-    """Return the name of a coordinate or parameter. Raises StatementError for a name that already has a meaning.
-
-    Such names are the `PREDEFINED` ones, names of functions, and reserved words of Python, which scenes cannot contain.
-    """
+    """Return the name of a coordinate or parameter. Raises StatementError for a word of Python or a scene."""
     meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
     if not meaning and keyword.iskeyword(name):
         meaning = "a reserved word of Python"
@@ -252,17 +249,12 @@ def constraint_of(symbol: Any) -> str | None:
     return None
 
 
-def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], system: str) -> None:
-    """Raise StatementError for the multiplier of a constraint that the system does not have.
-
-    `names` are the constraints whose multipliers an expression contains. `held` are the constraints of the system, and
-    `system` is its name. `what` names the expression in the message.
-    """
-    for name in names:
-        if name not in held:
-            have = (
-                f"the constraint{' is' if len(held) == 1 else 's are'} {listing(held)}"
-                if held
-                else f"{system} has no constraints"
+def check_multipliers(found: Iterable[str], expression: str, constraints: Sequence[str], system: str) -> None:
+    """Raise StatementError if an expression has multipliers of constraints that the system does not have."""
+    for name in found:
+        if name not in constraints:
+            are = " is" if len(constraints) == 1 else "s are"
+            have = f"the constraint{are} {listing(constraints)}" if constraints else f"{system} has no constraints"
+            raise StatementError(
+                f"{expression} contains {multiplier(name)}, but {have}." + suggestion(name, constraints)
             )
-            raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -97,7 +97,9 @@ def declare(
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
-    moving, checked = dict.fromkeys(survey.velocities), _declare_constraints(zeros := _typed_zeros(constraints), survey)
+    moving = dict.fromkeys(survey.velocities)
+    zeros = {name: _zero_of(stated, f"constraint {name!r}") for name, stated in _named_constraints(constraints)}
+    checked = _declare_constraints(zeros, survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
@@ -125,7 +127,9 @@ def declare(
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
     )
-    statement = _with_rotations(statement, typed, forces, dissipation, zeros).mapped(partial(_unified, unify))
+    statement = _with_rotations(statement, typed, forces, dissipation, zeros)
+    if unify:
+        statement = statement.mapped(lambda stated: stated.xreplace(unify))
     return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
@@ -181,16 +185,8 @@ def _parameters(
     return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
 
-def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:
-    """Return the expression with `replacements` applied, so that each parameter's name has one symbol."""
-    return expression.xreplace(replacements) if replacements else expression
-
-
 def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the state (q, v), 2n floats: `base` with the entries in `given` replaced.
-
-    Keys of `given` are coordinates, velocities or names; the name of a velocity is its coordinate's with ``_dot``.
-    """
+    """Return the state (q, v), 2n floats: `base` with the values `given` by coordinate, velocity or name."""
     if not isinstance(given, Mapping):
         what = "an array" if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
         raise StatementError(
@@ -256,9 +252,14 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Itera
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
     if given is None:
         survey.coordinates.update(dict.fromkeys(first_order))
-        _check_inferred(survey)
+        # An undeclared function may be meant as a given motion, unless all are SymPy's, as from `dynamicsymbols`.
+        unsaid = [q for q in survey.coordinates if not declared(q)]
+        if unsaid and any(map(is_ours, survey.coordinates)):
+            names = [name_of(q) for q in survey.coordinates if declared(q)]
+            raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
+        given = COORDINATES.of((name_of(q), q) for q in survey.coordinates)
     by_name: dict[str, Any] = {}
-    for q in _in_order(survey.coordinates) if given is None else given:
+    for q in given:
         if not isinstance(q, AppliedUndef) or q.args != (t,) or motion_of(q) is not None:
             raise StatementError(
                 f"coordinates contains {shown(q)}, which is not a coordinate: make one with lg.coordinate('x')."
@@ -282,22 +283,6 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
             yield q
 
 
-def _in_order(coordinates: Iterable[Any]) -> list[Any]:
-    return COORDINATES.of((name_of(q), q) for q in coordinates)
-
-
-def _check_inferred(survey: Survey) -> None:
-    """Raise StatementError for an undeclared function of time in a system whose other coordinates were declared.
-
-    Such a function may be meant as a given motion. If all functions are SymPy's, as from `dynamicsymbols`, all are
-    taken for coordinates.
-    """
-    unsaid = [q for q in survey.coordinates if not declared(q)]
-    if unsaid and any(map(is_ours, survey.coordinates)):
-        names = [name_of(q) for q in survey.coordinates if declared(q)]
-        raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
-
-
 def _make_one(survey: Survey) -> str:
     """Return a hint for an error: for a symbol named `theta_dot`, to declare `theta` by `lg.coordinate('theta')`."""
     for symbol in survey.parameters:
@@ -319,10 +304,7 @@ def _check_velocities(
     dissipation: Any,
     main: str,
 ) -> None:
-    """Raise StatementError for a coordinate whose acceleration no equation determines.
-
-    `velocities` are those in the energies, `energies` are (T, L), and `main` names the energy in the message.
-    """
+    """Raise StatementError for a coordinate whose acceleration no equation determines. `energies` are T and L."""
     zeros, alone = [constraint.expression for constraint in constraints], main == "the Lagrangian"
     still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
     if still is None:
@@ -499,15 +481,6 @@ def _has_length(value: Any, *lengths: int) -> bool:
     if isinstance(value, np.ndarray):
         return value.ndim == 1 and len(value) in lengths
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
-
-
-def _typed_zeros(given: Any) -> dict[str, Any]:
-    """Return {name: expression that is zero} of the user's constraints, a list or a dict by name, as typed.
-
-    Constraints in a list are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
-    equation or an expression.
-    """
-    return {name: _zero_of(stated, f"constraint {name!r}") for name, stated in _named_constraints(given)}
 
 
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:

@@ -156,8 +156,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
     listed = entries(events, "events")
     if listed is None:
         raise StatementError(f"events is {shown(events)}: give a list of expressions, or of lg.event(...).")
-    stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
-    checked = tuple(_in_own_parameters(_with_gaps(e, statement), statement.parameters) for e in stated)
+    checked = tuple(_declared(given, statement) for given in listed)
     for index, e in enumerate(checked):
         survey = _check(e.expression, f"event {index}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
@@ -195,26 +194,23 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
     check_event_dimensions(place, one.expression, resets, statement)
 
 
-def _with_gaps(one: Event, statement: Statement) -> Event:
-    """Return an event with symbols `lagrange.gap(name)` replaced by the stated gaps; unchanged if it has none."""
-    zero = one.expression.xreplace(statement.gaps) if statement.contacts else one.expression
-    return one if zero == one.expression else replace(one, expression=zero)
-
-
-def _either_way(given: Any) -> Event:
-    """Return the event of a bare expression. Equal expressions give the same object, a key of caches."""
-    return _kept(given) if isinstance(given, sympy.Expr) else event(given)
+def _declared(given: Any, statement: Statement) -> Event:
+    """Return an event, or that of a bare expression, in gaps and parameters of the statement."""
+    if not isinstance(given, Event):
+        given = _kept(given) if isinstance(given, sympy.Expr) else event(given)
+    zero = given.expression.xreplace(statement.gaps) if statement.contacts else given.expression
+    return _in_own_parameters(
+        given if zero == given.expression else replace(given, expression=zero), statement.parameters
+    )
 
 
 _kept = lru_cache(maxsize=256)(event)
+"""The event of a bare expression. Equal expressions give the same object, since caches have events as keys."""
 
 
 @lru_cache(maxsize=256)
 def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
-    """Return an event with the system's parameters in place of other symbols of the same names.
-
-    An event without such symbols is returned itself. Cached, so that caches with the result as key work.
-    """
+    """Return an event in the system's parameters; cached, so that caches with the result as key work."""
     by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(one.expression, parameters)
     values = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
@@ -237,10 +233,7 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones.
-
-    `what` names the expression in messages. With `motion` it may contain accelerations and multipliers.
-    """
+    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones."""
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)
     parameters = listing(p.name for p in statement.parameters) or "no parameters"

@@ -205,10 +205,7 @@ def printable(value: Any, what: str) -> str:
 
 
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
-    """Return the value if it is one of the known words. Raises StatementError otherwise.
-
-    `refusal` is the template of the message; {given} in it becomes the value, and {known} the list of the known words.
-    """
+    """Return the value if it is `known`. Raises StatementError otherwise; `refusal` has places {given} and {known}."""
     words = list(known)
     if not isinstance(value, str) or value not in words:
         hint = suggestion(value, words) if isinstance(value, str) else ""
@@ -251,10 +248,7 @@ Result = TypeVar("Result")
 
 
 def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return the function, changed to raise StatementError where SymPy overflows Python's stack on a deep expression.
-
-    Products and derivatives take up to eight nested calls for each level, and so overflow below `MOST_LEVELS` levels.
-    """
+    """Return the function, raising StatementError where SymPy overflows Python's stack on a deep expression."""
 
     @wraps(function)
     def refused(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
@@ -421,16 +415,9 @@ def real(expression: Any) -> Any:
     parts = sorted(expression.atoms(*_PARTS), key=lambda part: (sympy.count_ops(part), str(part)))
     replacements: dict[Any, Any] = {}
     for part in parts:  # inner ones first: the outer ones contain them
-        replacements[part.xreplace(replacements)] = replacements[part] = _real_part(part.xreplace(replacements))
-    replaced = expression.xreplace(replacements)
-    return replaced.replace(
-        lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
-        lambda node: node.doit(deep=False),
-    )
-
-
-def _real_part(part: Any) -> Any:
-    """Return re(...), im(...) or conjugate(...), evaluated as if all functions and symbols in it were real."""
-    names = [*part.atoms(AppliedUndef, sympy.Derivative), *part.free_symbols]
-    stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
-    return part.xreplace(stand_ins).xreplace({symbol: name for name, symbol in stand_ins.items()})
+        inside = part.xreplace(replacements)
+        names = [*inside.atoms(AppliedUndef, sympy.Derivative), *inside.free_symbols]
+        stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
+        back = {symbol: name for name, symbol in stand_ins.items()}
+        replacements[inside] = replacements[part] = inside.xreplace(stand_ins).xreplace(back)
+    return _differentiated(expression.xreplace(replacements))

@@ -37,10 +37,7 @@ class Survey:
     seen: set[Any] = field(default_factory=set)
 
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
-        """Collect the leaves of an expression, named `what` in messages.
-
-        Raises StatementError for functions that the package cannot differentiate or run.
-        """
+        """Collect the leaves of an expression. Raises StatementError for functions that have no derivative or value."""
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
                 if node != t:
@@ -229,10 +226,7 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
 
 
 def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return a mapping; None gives an empty one. Raises StatementError for other types.
-
-    In the message `what` names the table, and `entries` describes its entries, such as "name to point".
-    """
+    """Return a mapping, empty for None. Raises StatementError, which describes its entries, for other types."""
     if given is not None and not isinstance(given, Mapping):
         raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
     return given or {}
@@ -247,14 +241,11 @@ def parameter_symbols(
     `functions` maps the names that are taken to coordinates and given functions.
     """
     symbols: dict[str, Any] = {}
-    unify: dict[Any, Any] = {}
     for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
         first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
         if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
             symbols[symbol.name] = symbol  # of two symbols keep the one without an assumed sign
-    for symbol in survey.parameters:
-        if symbol != symbols[symbol.name]:
-            unify[symbol] = symbols[symbol.name]
+    unify = {symbol: symbols[symbol.name] for symbol in survey.parameters if symbol != symbols[symbol.name]}
     for key in given:
         if isinstance(key, str):
             symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
@@ -264,8 +255,7 @@ def parameter_symbols(
         _check_clash(name, functions)
     valued = dict.fromkeys(label_of(key) for key in given)
     rest = PARAMETERS.of((name, name) for name in symbols if name not in valued)
-    ordered = {name: symbols[name] for name in (*valued, *rest)}
-    return ordered, unify
+    return {name: symbols[name] for name in (*valued, *rest)}, unify
 
 
 def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:

@@ -212,10 +212,7 @@ def _rounded_time(seconds: float) -> str:
 def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
 ) -> Iterator[Report | None]:
-    """Yield a callback for the position in the span, which updates a bar; None if no bar is shown.
-
-    `describe` turns a position into text. The last state of the bar remains if it `stays`.
-    """
+    """Yield a callback that moves a bar in the span and describes the position; None if no bar is shown."""
     display = _display_of(wanted)
     if display is None:
         yield None

@@ -266,8 +266,11 @@ def _on_rates(
             plain[key] = value
             continue
         rates, axes = places[key]
+        vector = name_of(rates[0])[:-2].replace("_body", ".body").replace("_space", ".space")
         row = values.setdefault(rates, [None] * 3)
-        parts = [value] if len(axes) == 1 else _three(value, f"{what}{_vector_name(rates)}")
+        parts = [value] if len(axes) == 1 else entries(value, f"{what}{vector}")
+        if parts is None or len(parts) != len(axes):
+            raise StatementError(f"{what}{vector} is {shown(value)}: give three values, about the axes x, y and z.")
         for k, part in zip(axes, parts, strict=True):
             if row[k] is not None:
                 raise StatementError(f"{label} names {name_of(rates[k])} twice: give one value.")
@@ -285,10 +288,7 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 
 
 def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
-    """Raise StatementError if a quaternion in a state (q, v) does not have length one, or if its length changes.
-
-    `values` is one state (2n,) or several states (2n, m).
-    """
+    """Raise StatementError if a quaternion in the states (q, v), (2n,) or (2n, m), is not and stays of length one."""
     state = np.asarray(values, dtype=float)
     for each, places, moving in _quaternion_rows(tuple(coordinates)):
         q, v = state[places], state[moving]
@@ -338,19 +338,6 @@ def is_scalar(coordinate: Any) -> bool:
     """Return True for the scalar entry of a quaternion, which is 1 in the identity rotation."""
     name = rotation_name(coordinate)
     return name is not None and coordinate == rotation_of(name).quaternion[0]
-
-
-def _three(value: Any, what: str) -> list[Any]:
-    parts = entries(value, what)
-    if parts is None or len(parts) != 3:
-        raise StatementError(f"{what} is {shown(value)}: give three values, about the axes x, y and z.")
-    return parts
-
-
-def _vector_name(rates: Any) -> str:
-    """Return the name of a vector of rates of a rotation R: "R.body" or "R.space"."""
-    name, kind, _ = name_of(rates[0]).rsplit("_", 2)
-    return f"{name}.{kind}"
 
 
 TORQUES = "forces", "the torque on "

@@ -66,10 +66,7 @@ _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limi
 
 
 def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
-    """Context that limits the time of preparation, until its end or the call of `preparation_ends`.
-
-    `began` is the time of the request by `time.perf_counter`. If `seconds` is None, there is no limit.
-    """
+    """Context that limits the time of preparation since `began`, until its end or `preparation_ends` is called."""
     return _UNLIMITED if seconds is None else _limited(began, seconds)
 
 

@@ -22,7 +22,7 @@ m, M, k, a, F, c, g, l, w, u = lg.parameters("m M k a F c g l w u")
 x, y, theta = lg.coordinates("x y theta")
 T = m * x.dot**2 / 2
 
-OTHER = "in other units than the terms it is compared with, "
+OTHER = ", whose unit is "
 
 WRONG: dict[str, tuple[dict[str, Any], dict[Any, Any], str, str]] = {
     # statement, units, what is told of, and the ratio of the units
@@ -113,7 +113,7 @@ def test_units_that_do_not_fit_are_refused(name: str) -> None:
     with pytest.raises(StatementError) as refusal:
         lg.System(**given, dimensions=units)
     message = str(refusal.value)
-    assert message.startswith(f"{term} {OTHER}{ratio} times theirs: state ") and len(message) <= 400
+    assert message.startswith(f"{term}{OTHER}{ratio} times that of the other terms: state ") and len(message) <= 400
     remedies = re.findall(r"(\w+) in (\S+) instead of ([^\s,]+?)[,.](?= |$)", message)
     assert remedies
     for symbol, unit, stated in remedies:
@@ -194,17 +194,20 @@ def test_a_unit_that_follows_is_made_of_stated_ones() -> None:
 
 
 EVENTS: dict[str, tuple[Any, str]] = {
-    "terms": (x - a, rf"event 0 has the term x {OTHER}"),
+    "terms": (x - a, rf"event 0 has the term x{OTHER}"),
     "dimensions": (x - x.dot, "event 0 has the term x, whose dimension is length; beside the other terms"),
-    "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w {OTHER}"),
-    "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\) {OTHER}"),
-    "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x {OTHER}"),
-    "time": (lg.t - u, rf"event 0 has the term -u {OTHER}60 times theirs: state u in s instead of min."),
-    "multiple of time": (2 * lg.t - 3 * u + 1, rf"event 0 has the term 2\*t {OTHER}"),
-    "ratio of times": (lg.t / u - 2, rf"event 0 has the term t/u {OTHER}"),
-    "ratio": (x / a - 2, rf"event 0 has the term x/a {OTHER}"),
-    "time as reset": (lg.event(x, reset={u: lg.t}), rf"the reset of event 0 has the term t {OTHER}"),
-    "time in a reset": (lg.event(x, reset={u: u + lg.t}), rf"the reset of event 0 has the term u {OTHER}"),
+    "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w{OTHER}"),
+    "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\){OTHER}"),
+    "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x{OTHER}"),
+    "time": (
+        lg.t - u,
+        rf"event 0 has the term -u{OTHER}60 times that of the other terms: state u in s instead of",
+    ),
+    "multiple of time": (2 * lg.t - 3 * u + 1, rf"event 0 has the term 2\*t{OTHER}"),
+    "ratio of times": (lg.t / u - 2, rf"event 0 has the term t/u{OTHER}"),
+    "ratio": (x / a - 2, rf"event 0 has the term x/a{OTHER}"),
+    "time as reset": (lg.event(x, reset={u: lg.t}), rf"the reset of event 0 has the term t{OTHER}"),
+    "time in a reset": (lg.event(x, reset={u: u + lg.t}), rf"the reset of event 0 has the term u{OTHER}"),
 }
 
 

@@ -88,34 +88,31 @@ def _ends(table: TabulatedFunction) -> tuple[float, float]:
     return table.points[0] - first, table.points[-1] + last
 
 
-def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
-    """Return a table from `columns`, two lists of numbers: points and values.
-
-    `points` names the numbers of the first list in messages, such as "times", and `what` names the table.
-    """
+def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
+    """Return a table from two lists, points and values. Messages name the table and its points."""
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
-        raise StatementError(f"{what} is an array without entries: give {both}.")
+        raise StatementError(f"{title} is an array without entries: give {both}.")
     if len(columns) != 2:
-        raise StatementError(f"{what} has {len(columns)} columns: give {both}.")
+        raise StatementError(f"{title} has {len(columns)} columns: give {both}.")
     arguments, values = (
-        real_array(columns[0], f"the {points} of {what}"),
-        real_array(columns[1], f"the values of {what}"),
+        real_array(columns[0], f"the {points} of {title}"),
+        real_array(columns[1], f"the values of {title}"),
     )
     if arguments.ndim != 1 or values.shape != arguments.shape or not np.isfinite([arguments, values]).all():
         raise StatementError(
-            f"{what} has {points} of shape {arguments.shape} and values of shape {values.shape}: give two lists of "
+            f"{title} has {points} of shape {arguments.shape} and values of shape {values.shape}: give two lists of "
             "finite numbers, of one length."
         )
     if not FEWEST_TABLE_POINTS <= len(arguments) <= MOST_TABLE_POINTS:
         raise StatementError(
-            f"{what} has {len(arguments)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "
+            f"{title} has {len(arguments)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "
             "Thin a longer table out, or fit an expression."
         )
     falls = np.flatnonzero(np.diff(arguments) <= 0)
     if len(falls):
         first, second = arguments[falls[0]], arguments[falls[0] + 1]
-        raise StatementError(f"the {points} of {what} go from {first:g} to {second:g}: give {points} that rise.")
+        raise StatementError(f"the {points} of {title} go from {first:g} to {second:g}: give {points} that rise.")
     return TabulatedFunction(tuple(map(float, arguments)), tuple(map(float, values)))
 
 

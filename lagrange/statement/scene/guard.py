@@ -139,10 +139,7 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
-    """Raise RefusalError if expressions are too long to be compared; `what` names them in the message.
-
-    SymPy determines the sign of their difference over a common denominator.
-    """
+    """Raise RefusalError if expressions are too long for SymPy to determine the sign of their difference."""
     size: dict[Any, int] = {}
     for expression in expressions:
         for node in parts_first(expression, size):
@@ -170,7 +167,10 @@ def _check_node(node: Any) -> None:
         if max(abs(node.p).bit_length(), node.q.bit_length()) > MOST_BITS:
             raise RefusalError("an exact number here is longer than 77 digits: write a decimal, such as 1.5e100")
     elif isinstance(node, sympy.Float):
-        _check_float(node)
+        if abs(node) > sys.float_info.max:
+            raise RefusalError("a number here is too large for a floating-point number")
+        if not node.is_zero and float(node) == 0.0:  # SymPy says that 0.0 != 0
+            raise RefusalError("a number here is too small for a floating-point number")
     elif node in (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise RefusalError("this has no finite value: check for a division by zero")
     elif node is sympy.I:

@@ -68,10 +68,7 @@ def refuse(reason: str, offset: int) -> NoReturn:
 
 
 def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
-    """Return the tokens of a text, followed by one of kind "end". Raises SceneError with the column.
-
-    An `unevaluated` text may be longer, and may contain the words and, or, not, True, False and None.
-    """
+    """Return the tokens of a text, and one of kind "end"; `unevaluated` allows and, or, not, True, False and None."""
     if not isinstance(text, str):
         raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
     most = LONGEST_UNEVALUATED if unevaluated else LONGEST_EVALUATED

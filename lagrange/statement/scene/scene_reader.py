@@ -83,10 +83,7 @@ def scene_from_text(text: str) -> Statement:
 
 
 def stored_statement(text: Any) -> Statement:
-    """Return the statement in a text that `scene_text` wrote into a pickle or the file of a run.
-
-    Raises StatementError for a text that was changed or that another version wrote.
-    """
+    """Return the statement in a text by `scene_text`. Raises StatementError for a changed or foreign text."""
     if not isinstance(text, str) or text.lstrip()[:1] == "{":
         raise StatementError(
             "its statement is JSON, as development versions before lagrange 0.1.0 wrote: state the system and run it "
@@ -130,6 +127,13 @@ class SceneDocument(Document):
     def expression(self, reader: ExpressionReader, *path: str | int) -> Any:
         """Return the text or number at a path as a SymPy expression."""
         return self._of_text(reader.read, *path)
+
+    def one_or_more(self, reader: ExpressionReader, *path: str | int) -> Any:
+        """Return the expression at a path, or a list of those in a list."""
+        value = self.value(*path)
+        if not isinstance(value, list):
+            return self.expression(reader, *path)
+        return [self.expression(reader, *path, i) for i in range(len(value))]
 
     def define(self, reader: ExpressionReader, *path: str | int) -> None:
         """Define the last key of a path as a name, for the text or number at the path."""
@@ -453,12 +457,12 @@ class SceneReader:
             if not isinstance(entries, Mapping) or "gap" not in entries:
                 self.document.refuse(f'the contact {name[:80]} has no gap: write a table with gap = "y".', *path)
             self.document.check_keys(entries, CONTACT_KEYS, "key of a contact", *path)
-            parts: dict[str, Any] = {}
-            for key, value in entries.items():
-                if isinstance(value, list) and key in ("slip", "friction"):
-                    parts[key] = [self.document.expression(reader, *path, key, i) for i in range(len(value))]
-                else:
-                    parts[key] = self.document.expression(reader, *path, key)
+            parts = {
+                key: (self.document.one_or_more if key in ("slip", "friction") else self.document.expression)(
+                    reader, *path, key
+                )
+                for key in entries
+            }
             with self.document.located(*path, key=True):
                 check_name(name, "contact")
                 contacts[name] = contact(**parts)
@@ -474,7 +478,7 @@ class SceneReader:
                     "surfaces",
                     name,
                 )
-            surfaces[name] = tuple(self.document.expression(reader, "surfaces", name, i) for i in range(len(entries)))
+            surfaces[name] = tuple(self.document.one_or_more(reader, "surfaces", name))
         return surfaces
 
     def redundant(self) -> str:
@@ -513,8 +517,7 @@ class SceneReader:
             if body:
                 points[name] = self.shape(reader, entries, rotations, "positions", name)
             else:
-                path = ("positions", name)
-                points[name] = tuple(self.document.expression(reader, *path, i) for i in range(len(entries)))
+                points[name] = tuple(self.document.one_or_more(reader, "positions", name))
         return points
 
     def shape(
@@ -528,12 +531,6 @@ class SceneReader:
         self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *place)
         if "shape" not in table or "size" not in table:
             self.document.refuse('a body to draw has no shape or no size: write shape = "disc" and size = "r".', *place)
-
-        def vector(key: str) -> Any:
-            if not isinstance(table[key], list):
-                return self.document.expression(reader, *place, key)
-            return [self.document.expression(reader, *place, key, i) for i in range(len(table[key]))]
-
         turned = {each.name: each for each in rotations}
         if table.get("rotation", None) not in (None, *turned):
             known = listing(turned) or "none"
@@ -542,8 +539,8 @@ class SceneReader:
             return shape(
                 self.document.text(*place, "shape"),
                 turned.get(table.get("rotation", "")),
-                vector("size"),
-                vector("at") if "at" in table else (0, 0, 0),
+                self.document.one_or_more(reader, *place, "size"),
+                self.document.one_or_more(reader, *place, "at") if "at" in table else (0, 0, 0),
             )
 
     def links(self) -> list[Link]:

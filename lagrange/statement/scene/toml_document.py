@@ -48,10 +48,7 @@ class _Frame:
 
 
 def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
-    """Return two dicts, {path: offset of its key} and {path: offset of its value}, for a TOML text.
-
-    Line ends are single characters. If the text is not valid TOML, the offsets before its first error are right.
-    """
+    """Return {path: offset of its key} and {path: offset of its value}, right up to the first error of a TOML text."""
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
     frames = [_Frame((), "table")]
@@ -177,10 +174,7 @@ class Document:
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
-        """Raise a SceneError with line and column of the value at `path`, or of the nearest existing table around it.
-
-        If `key` is true, the position is that of the key. `column` is a position within the text of the value.
-        """
+        """Raise a SceneError at the value (or key) of `path`, or at the nearest existing table around it."""
         keys, values = self._places
         offset = 0
         for ancestor in (path[:length] for length in range(len(path), 0, -1)):

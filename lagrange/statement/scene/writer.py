@@ -26,7 +26,7 @@ from lagrange.statement.scene.lexer import LONGEST_EVALUATED
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.statement import REFUSE, ROD, Statement
-from lagrange.statement.units.dimension import Dimension, named
+from lagrange.statement.units.dimension import named
 from lagrange.statement.vocabulary.letters import NAME
 from lagrange.statement.vocabulary.words import WORDS
 
@@ -71,7 +71,9 @@ class SharedText:
         self._known = {leaf: Text(text) for leaf, text in leaves.items()}
         self._leaves = frozenset(leaves)
         self._uses = self._counted(roots)
-        self._prefix = next(prefix for prefix in _prefixes() if not any(name.startswith(prefix) for name in taken))
+        self._prefix, names = "part_", tuple(taken)
+        while any(name.startswith(self._prefix) for name in names):
+            self._prefix += "_"
         self._kinds: tuple[tuple[Any, Callable[[Any], Text]], ...] = (
             (sympy.Number, _number),
             (sympy.Add, self._sum),
@@ -120,10 +122,7 @@ class SharedText:
                 yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return how other texts contain a node: as its own text, or as the name of its definition.
-
-        `root` is true if the node is a whole expression.
-        """
+        """Return how other texts contain a node: as its own text, or as the name of its definition."""
         if isinstance(node, ExprCondPair):
             return Text("")
         write = next((write for kind, write in self._kinds if isinstance(node, kind)), None)
@@ -243,13 +242,6 @@ class SharedText:
         if isinstance(node, kind) and entry.text.startswith("("):
             entry = self._known[node] = self._defined(entry)
         return entry
-
-
-def _prefixes() -> Iterable[str]:
-    prefix = "part"
-    while True:
-        prefix += "_"
-        yield prefix
 
 
 def _is_divisor(node: Any) -> bool:
@@ -464,11 +456,8 @@ class _SceneWriter:
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
             if symbol == t and dimension == named("second"):
                 continue
-            yield name, _quoted(dimension.unit or _powers(dimension))
-
-
-def _powers(one: Dimension) -> str:
-    return "*".join(f"{name}**({power})" if power != 1 else name for name, power in one.exponents) or "1"
+            powers = [base if power == 1 else f"{base}**({power})" for base, power in dimension.exponents]
+            yield name, _quoted(dimension.unit or "*".join(powers) or "1")
 
 
 def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:

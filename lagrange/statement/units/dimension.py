@@ -143,10 +143,7 @@ class Dimension:
         return self.exponents == other.exponents
 
     def fits(self, other: Dimension) -> bool:
-        """Return True if quantities of this dimension and of `other` may be added.
-
-        Dimensions must be equal, and the factors of their units must be equal too if both are known.
-        """
+        """Return True if quantities may be added: dimensions, and factors of the units if known, are equal."""
         if not self.like(other):
             return False
         if self.factor is None or other.factor is None:
@@ -229,7 +226,9 @@ def read_dimension(given: Any, what: str) -> Dimension:
     """
     if isinstance(given, str):
         stated = _from_text(given, what)
-        return replace(_dimension_of(stated, what), unit=given.strip() if _is_unit(stated) else "")
+        names = [symbol.name for symbol in stated.free_symbols]
+        is_unit = bool(names) and all(name not in DERIVED and named(name).factor is not None for name in names)
+        return replace(_dimension_of(stated, what), unit=given.strip() if is_unit else "")
     if isinstance(given, (int, float)) and not isinstance(given, bool) and given == 1:
         return DIMENSIONLESS
     if isinstance(given, sympy.Expr):
@@ -239,16 +238,6 @@ def read_dimension(given: Any, what: str) -> Dimension:
         f"{what} is {shown(given)}: give a dimension or a unit, such as 'length', 'm/s**2' or "
         "sympy.physics.units.meter."
     )
-
-
-def _is_unit(stated: Any) -> bool:
-    """Return True if a product of powers contains units only, no names of dimensions."""
-    names = [symbol.name for symbol in stated.free_symbols]
-    return bool(names) and all(map(_names_unit, names))
-
-
-def _names_unit(name: str) -> bool:
-    return name not in DERIVED and named(name).factor is not None
 
 
 def units_in(text: str) -> list[str]:
@@ -316,10 +305,7 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
-    """Return the dimensions; each entry of a time derivative, such as x.dot, becomes an entry of its function x.
-
-    Raises StatementError if the function was also stated, with a dimension or unit that does not fit.
-    """
+    """Return the dimensions, with entries of functions x in place of those of derivatives x.dot."""
     dimensions = {symbol: one for symbol, one in stated.items() if not isinstance(symbol, sympy.Derivative)}
     time = dimensions.get(t, named("second"))
     for rate, dimension in stated.items():
@@ -349,10 +335,7 @@ def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
 
 
 def check_names(given: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
-    """Raise StatementError for a text key that is neither one of the `known` symbols nor one of their `rates`.
-
-    Unknown keys that are symbols are accepted, since one table may serve several systems.
-    """
+    """Raise StatementError for a text key that is neither a known symbol nor a rate; symbols may be foreign."""
     for key in given:
         if isinstance(key, sympy.Basic) or key in known or key in rates:
             continue

@@ -63,10 +63,7 @@ class WrongTermError(Exception):
 
 
 def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement:
-    """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term.
-
-    `given` is the user's table, {symbol or name: dimension or unit}.
-    """
+    """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term."""
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
@@ -111,11 +108,7 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
 
 
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
-    """Yield (multiplier, dimension) for each constraint.
-
-    A multiplier times a holonomic constraint is an energy. A multiplier times a constraint on velocities, times a time,
-    is an energy.
-    """
+    """Yield (multiplier, dimension): times its constraint (and a time, for one on velocities) an energy."""
     energy = dimension_of(statement.lagrangian, known) or named("energy")
     for constraint in statement.constraints:
         dimension = dimension_of(constraint.expression, known)
@@ -189,7 +182,11 @@ class _Checker(UnitEquations):
 
     def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         """Return the dimension of a sum. It is `wanted` if some term has that, else the most frequent one."""
-        dimensions = [(term, self._inside(term, wanted)) for term in expression.args]
+        dimensions = []
+        for term in expression.args:
+            # A term that is a sum itself has no required dimension.
+            is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
+            dimensions.append((term, self.check(term, None) if is_sum else self._single(term, wanted)))
         known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
         if not known:
             return None
@@ -207,11 +204,6 @@ class _Checker(UnitEquations):
             raise WrongTermError(known[0][0], right, wanted, "whole")
         return right
 
-    def _inside(self, term: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a term of a sum. A term that is a sum itself has no required dimension."""
-        is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
-        return self.check(term, None) if is_sum else self._single(term, wanted)
-
     def _single(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         if expression.is_Mul:
             return self._checked_product(expression, wanted)
@@ -219,16 +211,13 @@ class _Checker(UnitEquations):
             self._powered(expression.base, expression.exp, wanted)
             return self.dimension(expression)
         for argument, dimension in inner_parts(expression, wanted):
-            self._argument(expression, argument, dimension)
+            try:
+                self.check(argument, dimension)
+            except WrongTermError as wrong:
+                if wrong.place != "whole":
+                    raise
+                raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
         return self.dimension(expression)
-
-    def _argument(self, expression: Any, argument: Any, dimension: Dimension | None) -> None:
-        try:
-            self.check(argument, dimension)
-        except WrongTermError as wrong:
-            if wrong.place != "whole":
-                raise
-            raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
 
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         """Return the dimension of a product. A factor that mixes dimensions must have what `wanted` leaves for it."""
@@ -259,13 +248,10 @@ class _Checker(UnitEquations):
         return any(not dimension.like(known[0]) for dimension in known)
 
 
-def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
-    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit.
-
-    `zero` is the expression of event number `place`. `resets` are pairs of a symbol and the value that it is set to.
-    """
+def check_event_dimensions(number: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
+    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit."""
     if statement.dimensions:
-        _check(place, zero, tuple(resets), statement)
+        _check(number, zero, tuple(resets), statement)
 
 
 @lru_cache(maxsize=64)
@@ -335,8 +321,8 @@ def with_scales(
             equations.require(part)
         except OtherUnitError as wrong:
             raise StatementError(
-                f"{part.what} has the term {in_short(wrong.term, plain)} in other units than the terms it is compared "
-                f"with, {_factor(wrong.ratio)} times theirs: {_remedy(parts, dimensions, wrong.term)}"
+                f"{part.what} has the term {in_short(wrong.term, plain)}, whose unit is {_factor(wrong.ratio)} times "
+                f"that of the other terms: {_remedy(parts, dimensions, wrong.term)}"
             ) from None
     completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in dimensions.items()}
     _check_found([dimension for dimension in dimensions.values() if dimension.unit], completed)

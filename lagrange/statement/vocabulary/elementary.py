@@ -94,11 +94,6 @@ def _root(a: Any) -> Any:
     return a ** Fraction(1, 2)
 
 
-def _bell(a: Any) -> Any:
-    """Return the derivative of the error function, 2/sqrt(pi) exp(-a**2)."""
-    return 2 * _call("exp")(-(a**2)) / _root(a.graph.call("pi"))
-
-
 ELEMENTARY: Mapping[str, Elementary] = {
     one.name: one
     for one in (
@@ -118,7 +113,12 @@ ELEMENTARY: Mapping[str, Elementary] = {
         Elementary("asinh", slope=lambda a: _root(1 + a**2), odd=True, size="unit"),
         Elementary("acosh", slope=lambda a: _root(a**2 - 1), exact=(1, 0), size="unit", everywhere=False),
         Elementary("atanh", slope=lambda a: 1 - a**2, odd=True, size="unit", everywhere=False),
-        Elementary("erf", derivative=lambda y, a: _bell(a), odd=True, size="bounded"),
+        Elementary(
+            "erf",
+            derivative=lambda y, a: 2 * _call("exp")(-(a**2)) / _root(a.graph.call("pi")),
+            odd=True,
+            size="bounded",
+        ),
     )
 }
 """Every elementary function of one number by name."""
