@@ -269,8 +269,7 @@ class Reference:
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
-        p = laws.momenta(source, q, v, t, steps)
-        f = laws.forces(source, q, v, t, steps)
+        p, f = laws.momenta(source, q, v, t, steps), laws.forces(source, q, v, t, steps)
         mass = laws.mass_matrix(source, q, v, t, steps)
         rate = laws.momentum_rate(source, q, v, still, t, steps)
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
@@ -314,10 +313,7 @@ class Reference:
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
         if self.holonomic:
-            exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
-            entries["constraint_gradient"] = list(chain.from_iterable(slopes))
-            entries["multipliers"], entries["constraint_bias"] = multipliers, held_bias
-            entries["constraint_forces"] = list(chain.from_iterable(exerted))
+            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
             positions = held.chosen(held.for_rates(q, v, t), [0] * len(self.holonomic))
             entries["constraints"] = [*positions, *velocity_level(held, q, v, t, steps)]
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
@@ -365,6 +361,16 @@ class Reference:
                 change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
                 off[i][j] = off[j][i] = off[i].get(j, 0) + change
         return off
+
+
+def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nudge) -> dict[str, Numbers]:
+    """Return the gradient G, the multipliers and the constraint forces by name; `slopes` are the rows of G."""
+    exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
+    return {
+        "constraint_gradient": list(chain.from_iterable(slopes)),
+        "multipliers": multipliers,
+        "constraint_forces": list(chain.from_iterable(exerted)),
+    }
 
 
 def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:

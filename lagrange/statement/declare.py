@@ -98,15 +98,13 @@ def declare(
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
     moving = dict.fromkeys(survey.velocities)
-    zeros = {name: _zero_of(stated, f"constraint {name!r}") for name, stated in _named_constraints(constraints)}
-    checked = _declare_constraints(zeros, survey)
+    checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     if check_inertia:
         _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, drag, main)
-    drawn = _drawn(positions, links, surfaces, survey)
-    bodies = declare_contacts(contacts, simultaneous, survey, checked)
+    fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
     _check_declared(survey, chosen)
     known, unify = _parameters(parameters, survey, by_name)
@@ -122,14 +120,12 @@ def declare(
         about=about,
         source=source,
         run=run or RunSettings(),
-        **drawn,
-        **bodies,
+        **fields,
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
     )
     statement = _with_rotations(statement, typed, forces, dissipation, zeros)
-    if unify:
-        statement = statement.mapped(lambda stated: stated.xreplace(unify))
+    statement = statement.mapped(lambda stated: stated.xreplace(unify)) if unify else statement
     return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
@@ -496,20 +492,19 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
     return tuple(constraints)
 
 
-def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (name, constraint) of a list or dict of constraints; in a list they are constraint_1, constraint_2, ..."""
+def _typed_zeros(given: Any) -> dict[str, Any]:
+    """Return {name: expression that is zero}; constraints in a list are named constraint_1, constraint_2, ..."""
     if isinstance(given, Mapping):
-        for name, stated in given.items():
-            yield check_name(name, "constraint"), stated
-        return
-    listed = entries(given, "constraints")
-    if listed is None:
-        raise StatementError(
-            f"constraints is {shown(given)}: give a list such as [x**2 + y**2 - l**2], or a dict such as "
-            "{'rod': x**2 + y**2 - l**2}."
-        )
-    for i, stated in enumerate(listed, 1):
-        yield f"constraint_{i}", stated
+        named = {check_name(name, "constraint"): stated for name, stated in given.items()}
+    else:
+        listed = entries(given, "constraints")
+        if listed is None:
+            raise StatementError(
+                f"constraints is {shown(given)}: give a list such as [x**2 + y**2 - l**2], or a dict such as "
+                "{'rod': x**2 + y**2 - l**2}."
+            )
+        named = {f"constraint_{i}": stated for i, stated in enumerate(listed, 1)}
+    return {name: _zero_of(stated, f"constraint {name!r}") for name, stated in named.items()}
 
 
 def _zero_of(stated: Any, what: str) -> Any:
