@@ -104,7 +104,10 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return the proven conserved quantities. Raises RunError if a compiled motion changes one: our fault."""
+    """Return the conserved quantities that are proven; others may exist.
+
+    Raises RunError if a proven quantity changes along the compiled motion, which is a fault of this library.
+    """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
         check_constant(model, {quantity.name: in_full(quantity.expression) for quantity in quantities})

@@ -306,7 +306,10 @@ class Hamiltonian(ShownAsPage):
 
 
 def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form, tested against `model`. Raises StatementError if momenta give no velocities."""
+    """Return Hamilton's form of a statement, tested against its compiled `model`; `made` returns a statement's System.
+
+    Raises StatementError for constraints, and if the momenta do not determine the velocities.
+    """
     if statement.constraints:
         raise StatementError(
             f"{statement.name} has constraints ({listing(constraint.name for constraint in statement.constraints)}), "

@@ -394,7 +394,10 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
 
 
 def expansion(point: StatedPoint) -> Expansion:
-    """Return the equations of small changes. Raises StatementError off the constraints, or if none may move."""
+    """Return the equations of small changes about a point.
+
+    Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
+    """
     statement = point.form.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
     if any(edges(point.form.read(x)) for x in stated):

@@ -306,7 +306,10 @@ class EigenvaluePath:
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
-    """Return the eigenvalues at values of a parameter, about the equilibrium near `at`, as for `linearize`."""
+    """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
+
+    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
+    """
     by_name = {p.name: p for p in statement.parameters}
     label = label_of(parameter)
     if label not in by_name:

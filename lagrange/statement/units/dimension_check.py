@@ -108,7 +108,11 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
 
 
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
-    """Yield (multiplier, dimension): times its constraint (and a time, for one on velocities) an energy."""
+    """Yield (multiplier, dimension) for each constraint.
+
+    A multiplier times a holonomic constraint is an energy. A multiplier times a constraint on velocities, times a time,
+    is an energy.
+    """
     energy = dimension_of(statement.lagrangian, known) or named("energy")
     for constraint in statement.constraints:
         dimension = dimension_of(constraint.expression, known)
