@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from lagrange.procedure.front import code_cache
-from lagrange.procedure.front.source import _module
+from lagrange.procedure.interpreter import run
 
 SOURCE = """
 from lagrange.procedure.front.plain import procedure
@@ -35,7 +35,7 @@ def doubled(source: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return the function of a module as a new process would have it."""
     monkeypatch.setattr(code_cache, "_STORED", {})
     linecache.clearcache()
-    _module.cache_clear()
+    code_cache._module.cache_clear()
     spec = importlib.util.spec_from_file_location(source.stem, source)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -52,7 +52,7 @@ def test_the_next_process_reads_no_source(source: Path, monkeypatch: pytest.Monk
     function = doubled(source, monkeypatch)
     monkeypatch.setattr(code_cache, "source_of", None)
     assert function.form().body == expected.body
-    assert function.exactly(3.0) == 6.0
+    assert run(function.form(), 3.0) == (6.0,)
 
 
 @pytest.mark.parametrize("damage", [lambda content: content[:-1], lambda content: content[:40] + b"?" + content[41:]])
@@ -60,15 +60,14 @@ def test_a_damaged_file_is_ignored_and_replaced(damage: Any, source: Path, monke
     doubled(source, monkeypatch).form()
     content = stored(source).read_bytes()
     stored(source).write_bytes(damage(content))
-    assert doubled(source, monkeypatch).exactly(3.0) == 6.0
-    doubled(source, monkeypatch).form()
+    assert run(doubled(source, monkeypatch).form(), 3.0) == (6.0,)
     assert stored(source).read_bytes() == content
 
 
 def test_a_change_of_the_source_counts(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     doubled(source, monkeypatch).form()
     source.write_text(SOURCE.replace("2.0", "14.0"))
-    assert doubled(source, monkeypatch).exactly(3.0) == 42.0
+    assert run(doubled(source, monkeypatch).form(), 3.0) == (42.0,)
 
 
 def test_a_folder_that_cannot_be_written_to_is_no_error(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from lagrange.procedure.front.plain import Plain, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, record
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.visit import FIELDS, Visitor, defined, operands, visits
+from tests.procedure.exact_arithmetic import Exact
 from tests.procedure.plain_functions import (
     Counter,
     Pair,
@@ -129,14 +130,14 @@ def test_a_plain_procedure_does_the_same_in_every_life(name: str, seed: int) -> 
     form = plain.form(**known)
     args = [make(seed) for _ in range(6)]
     expected = seen(run(form, *flat(args[0])), args[0])
-    assert seen(plain.exactly(*args[1], **known), args[1]) == expected
-    assert seen(plain.exactly(*args[2], seed=seed, **known), args[2]) == expected
-    assert seen(machine_code(form)(*flat(args[3])), args[3]) == expected
+    assert seen(Exact().run(plain, *args[4], **known), args[4]) == expected
+    assert seen(Exact(seed).run(plain, *args[5], **known), args[5]) == expected
+    assert seen(machine_code(form)(*flat(args[1])), args[1]) == expected
     # As it stands a function adds in Python's order, and printed Python rounds the product of `fma`.
     near = pytest.approx([x if isinstance(x, float) else 0.0 for x in expected], rel=1e-13, abs=1e-300)
-    assert [x if isinstance(x, float) else 0.0 for x in seen(plain(*args[4], **known), args[4])] == near
-    plain_text = loaded(form)(*[memoryview(a.data) if isinstance(a, np.ndarray) else a for a in flat(args[5])])
-    assert [x if isinstance(x, float) else 0.0 for x in seen(plain_text, args[5])] == near
+    assert [x if isinstance(x, float) else 0.0 for x in seen(plain(*args[2], **known), args[2])] == near
+    plain_text = loaded(form)(*[memoryview(a.data) if isinstance(a, np.ndarray) else a for a in flat(args[3])])
+    assert [x if isinstance(x, float) else 0.0 for x in seen(plain_text, args[3])] == near
 
 
 def test_a_function_that_is_given_is_called() -> None:
@@ -145,7 +146,7 @@ def test_a_function_that_is_given_is_called() -> None:
 
     a = np.array([2.0, 3.0])
     assert run(applied.form(), weigh, 0.5, a) == (3.0,)
-    assert applied(weigh, 0.5, a) == applied.exactly(weigh, 0.5, a) == 3.0
+    assert applied(weigh, 0.5, a) == Exact().run(applied, weigh, 0.5, a) == 3.0
     assert applied(weigh, -0.5, a) == run(applied.form(), weigh, -0.5, a)[0] == -1.0
 
 
@@ -462,8 +463,8 @@ def test_a_random_function_does_the_same_in_every_life(seed: int, tmp_path: Path
     for option in (False, True):
         form = plain.form(option=option)
         lives = {
-            "exact": partial(plain.exactly, option=option),
-            "shuffled": partial(plain.exactly, option=option, seed=seed),
+            "exact": partial(Exact().run, plain, option=option),
+            "shuffled": partial(Exact(seed).run, plain, option=option),
             "machine code": machine_code(form),
         }
         for given in INPUTS:

@@ -8,32 +8,24 @@ declared before the branch or loop.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from types import GeneratorType
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import GeneratorType, MethodType
 from typing import Any
 
 from lagrange.procedure.builder import GivenFunction
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Get, Kind, Let, Procedure, Read, Set, Statement, When
-from lagrange.procedure.front.control import (
-    Branches,
-    Chosen,
-    EachBlock,
-    LoopBlock,
-    RepeatBlock,
-    SplicedLoop,
-    WrittenLoop,
-)
-from lagrange.procedure.front.kinds import (
+from lagrange.procedure.front.control import Branches, EachBlock, KnownBlock, LoopBlock
+from lagrange.procedure.front.names import (
     ZERO,
     Ended,
     Error,
+    Names,
     Weighed,
     common_kind,
     described,
     is_dynamic,
     leaves,
 )
-from lagrange.procedure.front.names import Names
 from lagrange.procedure.front.vocabulary import (
     OPERATION_OF,
     clear,
@@ -69,7 +61,7 @@ class Tracer(Names):
 
     # --- control flow
 
-    def branches(self, test: Any) -> Branches | Chosen:
+    def branches(self, test: Any) -> Branches | KnownBlock:
         """Return the two branches of a condition.
 
         If the condition is known at build time, return only the branch to build.
@@ -77,7 +69,7 @@ class Tracer(Names):
         weighed = test if isinstance(test, Weighed) else Weighed(test, likely=True)
         condition = weighed.condition
         if not isinstance(condition, Value):
-            return Chosen([bool(condition)])
+            return KnownBlock([bool(condition)])
         if self.iterations is not None:
             raise Error("an iteration of an `each` has no branches: write `a if condition else b`.")
         self.is_flag(condition)
@@ -88,22 +80,27 @@ class Tracer(Names):
         start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
         if not isinstance(step, int) or step <= 0:
             raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
-        values = [self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop)]
-        return LoopBlock(self, lambda: self.p.loop(values[0], values[1], step))
+        first, last = (self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop))
 
-    def repeat(self) -> RepeatBlock:
+        def index() -> Iterator[Whole]:
+            with self.p.loop(first, last, step) as place:
+                yield place
+
+        return LoopBlock(self, index())
+
+    def repeat(self) -> LoopBlock:
         """Return the loop of a `while` statement."""
         if self.iterations is not None:
             raise Error("an iteration of an `each` has no `while`.")
-        return RepeatBlock(self, self.p.block)
+        return LoopBlock(self, iter(()))
 
-    def sequence(self, values: Any) -> LoopBlock | WrittenLoop:
+    def sequence(self, values: Any) -> LoopBlock | KnownBlock:
         """Return an unrolled loop over values known at build time, or a loop over the values of an inline generator."""
         if isinstance(values, GeneratorType):
-            return SplicedLoop(self, values)
+            return LoopBlock(self, values)
         if isinstance(values, (Value, Memory)):
             raise Error(f"a loop runs over `range`, `each` or a tuple; {described(values)} is given.")
-        return WrittenLoop(values)
+        return KnownBlock(values)
 
     def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
         """Return the loop of an `each` with `count` iterations.
@@ -176,16 +173,8 @@ class Tracer(Names):
         condition = condition.condition if isinstance(condition, Weighed) else condition
         return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
 
-    def both(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left and right`. The function `right` computes the second operand."""
-        return self._joined("and", left, right)
-
-    def either(self, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left or right`. The function `right` computes the second operand."""
-        return self._joined("or", left, right)
-
-    def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
-        """Return the value of `left op right`, with `op` "and" or "or". `right` is a function without arguments.
+    def joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
+        """Return the value of `left op right`, with `op` "and" or "or". The function `right` computes its operand.
 
         The operation becomes a branch if `right` loads, calls or stores.
         """
@@ -330,6 +319,8 @@ class Tracer(Names):
         if isinstance(function, GivenFunction):
             self._outside_each(function)
             return function(*[leaf for arg in args for leaf in leaves(arg)])
+        if isinstance(function, MethodType) and hasattr(function.__func__, "traced"):
+            return function.__func__.traced(self, function.__self__, *args, **options)
         if hasattr(function, "traced"):
             return function.traced(self, *args, **options)
         stated = record_of(function)

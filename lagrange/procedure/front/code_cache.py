@@ -6,10 +6,12 @@ used only if its digest agrees with its content, the source file, the front end,
 
 from __future__ import annotations
 
+import ast
 import linecache
 import marshal
 import os
 import sys
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -17,8 +19,8 @@ from importlib.util import cache_from_source
 from pathlib import Path
 from types import CodeType, FunctionType
 
+from lagrange.errors import LagrangeError
 from lagrange.procedure.front.rewriting import Rewriter, as_module
-from lagrange.procedure.front.source import FILES, source_of
 
 FRONT = Path(__file__).parent
 PACKAGE = FRONT.parents[1]
@@ -34,12 +36,9 @@ class _Stored:
         with suppress(OSError):
             stored = self.path.read_bytes()
             content = stored[sha256().digest_size :]
-            if stored == self._with_digest(content):
+            if stored == sha256(self.key + content).digest() + content:
                 self.codes = marshal.loads(content)
         self.count = len(self.codes)
-
-    def _with_digest(self, content: bytes) -> bytes:
-        return sha256(self.key + content).digest() + content
 
     def write(self) -> None:
         """Write the file if there are new functions. A folder without write permission is no error."""
@@ -48,7 +47,8 @@ class _Stored:
             part = self.path.with_suffix(f".{os.getpid()}")
             with suppress(OSError):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                part.write_bytes(self._with_digest(marshal.dumps(self.codes)))
+                content = marshal.dumps(self.codes)
+                part.write_bytes(sha256(self.key + content).digest() + content)
                 part.replace(self.path)
 
 
@@ -78,8 +78,9 @@ def rewritten_code(function: FunctionType, *, inlined: bool) -> CodeType:
     stored, key = _stored(code.co_filename), (code.co_firstlineno, code.co_qualname, inlined)
     if stored is not None and key in stored.codes:
         return stored.codes[key]
-    tree = Rewriter(source_of(function), inlined=inlined).function(code.co_freevars)
-    result = compile(as_module(tree), code.co_filename, "exec").co_consts[0]
+    tree, comments = source_of(function)
+    plain = Rewriter(tree, comments, inlined=inlined).function(code.co_freevars)
+    result = compile(as_module(plain), code.co_filename, "exec").co_consts[0]
     assert isinstance(result, CodeType)
     if stored is not None:
         stored.codes[key] = result
@@ -90,3 +91,45 @@ def store() -> None:
     """Write the functions that were rewritten since the last call to the cache files."""
     for stored in list(_STORED.values()):
         stored.write()
+
+
+def source_of(function: FunctionType) -> tuple[ast.FunctionDef, Mapping[int, str]]:
+    """Return the syntax tree of a function, and the comments that fill whole lines of its module, by line.
+
+    A comment is a line that begins with `#`, even inside a string. Raises LagrangeError if the source cannot be read.
+    """
+    code = function.__code__
+    functions, comments = _module(code.co_filename)
+    tree = functions.get(code.co_firstlineno)
+    if tree is None or tree.name != function.__name__:
+        raise LagrangeError(
+            f"procedure {function.__name__}: its source is not in {code.co_filename}. "
+            "Install lagrange with its .py files."
+        )
+    return tree, comments
+
+
+FILES: set[str] = set()
+"""Files that contain plain functions, for locations in messages."""
+
+
+@cache
+def _module(file: str) -> tuple[Mapping[int, ast.FunctionDef], Mapping[int, str]]:
+    """Return the functions of a file by first line (the line of the first decorator), and its comments by line."""
+    FILES.add(file)
+    lines = linecache.getlines(file)
+    functions = {
+        min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]): node
+        for node in _functions(ast.parse("".join(lines)).body)
+    }
+    stripped = {number: line.strip() for number, line in enumerate(lines, 1)}
+    return functions, {number: line.lstrip("# ") for number, line in stripped.items() if line.startswith("#")}
+
+
+def _functions(body: Iterable[ast.stmt]) -> Iterator[ast.FunctionDef]:
+    """Yield the functions of a block, including those inside classes, functions and branches."""
+    for statement in body:
+        if isinstance(statement, ast.FunctionDef):
+            yield statement
+        yield from _functions(getattr(statement, "body", ()))
+        yield from _functions(getattr(statement, "orelse", ()))

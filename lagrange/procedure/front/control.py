@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from lagrange.procedure.builder import Folded
 from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
-from lagrange.procedure.front.executing import Ways
-from lagrange.procedure.front.kinds import ZERO, Ended, Error, Missing, common_kind, real
-from lagrange.procedure.front.names import Names, is_varied
+from lagrange.procedure.front.names import ZERO, Ended, Error, Missing, Names, common_kind, is_varied, real
 from lagrange.procedure.front.vocabulary import REDUCTIONS
 from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
-class Chosen(Ways):
-    """A condition that is known at build time: only the branch to run is built."""
+class KnownBlock:
+    """A branch or loop that is known at build time: the branch to run is built, or the loop is unrolled."""
 
+    def __init__(self, iterations: Iterable[Any]) -> None:
+        self.iterations = iterations
+        self.values: Sequence[Any] = ()
 
-class WrittenLoop(Chosen):
-    """A loop over values that are known at build time: its body is unrolled."""
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.iterations)
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return the values of names inside the block, which are those before it."""
+        return self.close(*values)
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Store the values of names at the end of a branch or iteration. Return those for the next iteration."""
+        self.values = values
+        return values
+
+    def ended(self) -> None:
+        """Skip the statements after the block, because it returns from the procedure."""
+        raise Ended
+
+    def after(self) -> Sequence[Any]:
+        """Return the values of names after the block."""
+        return self.values
 
 
 class Block:
@@ -47,17 +65,17 @@ class Block:
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
-        known = [Missing(name) if name in anew and not self.is_outer(value) else value for name, value in pairs]
+        # A name that is set first and is no variable of an enclosing block needs no value.
+        known = [
+            Missing(name) if name in anew and (value[0] if is_varied(value) else value) not in self.outer else value
+            for name, value in pairs
+        ]
         self.before = [self.tracer.varied(name, value) for name, value in zip(names, known, strict=True)]
         inner = [one for value in self.before for one in (value if isinstance(value, tuple) else (value,))]
         self.tracer.handed = [*self.outer, *(one for one in inner if isinstance(one, Variable))]
         return self.before
 
-    def is_outer(self, value: Any) -> bool:
-        """Return True if a value is a variable, or a tuple of variables, of an enclosing block."""
-        return (value[0] if is_varied(value) else value) in self.outer
-
-    def ended(self, ended: Exception) -> None:
+    def ended(self) -> None:
         """Record that the block ends by a return from the procedure."""
         self.has_ended = True
 
@@ -76,25 +94,22 @@ class Block:
 
 
 class LoopBlock(Block):
-    """A loop whose body is built once, over a range of indices."""
+    """A loop whose body is built once for each of `iterations`.
+
+    These are the index of a `range`, or the values of an inline generator, whose statements surround the body.
+    """
 
     where = "behind the loop that sets it"
 
-    def __init__(self, tracer: Names, enter: Callable[[], Any]) -> None:
+    def __init__(self, tracer: Names, iterations: Iterator[Any]) -> None:
         super().__init__(tracer)
-        self.enter = enter
+        self.iterations = iterations
 
     def __iter__(self) -> Iterator[Any]:
-        with self.enter() as index:
-            yield index
-
-
-class RepeatBlock(LoopBlock):
-    """A loop that runs while a condition holds."""
+        return self.iterations
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
         """Yield once, for building the body of a `while`. `test` builds its condition."""
-        p = self.tracer.p
 
         def condition() -> Flag:
             made = test()
@@ -102,22 +117,8 @@ class RepeatBlock(LoopBlock):
                 return self.tracer.is_flag(made)
             return Flag.of(self.tracer.number(bool(made), FLAG, "a condition"))
 
-        with p.repeat(condition):
+        with self.tracer.p.repeat(condition):
             yield None
-
-
-class SplicedLoop(LoopBlock):
-    """A loop over the values of an inline generator.
-
-    The statements of the generator surround those of the loop's body.
-    """
-
-    def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
-        super().__init__(tracer, lambda: None)
-        self.values = values
-
-    def __iter__(self) -> Iterator[Any]:
-        return self.values
 
 
 class Branches(Block):
@@ -207,7 +208,7 @@ class EachBlock(Block):
                 self.tracer.iterations = None
         self.check()
 
-    def ended(self, ended: Exception) -> None:
+    def ended(self) -> None:
         """Raise Error, because a return inside an `each` is not allowed."""
         raise Error("an iteration of an `each` returns: use `range`.")
 

@@ -1,16 +1,105 @@
-"""Values of names while a procedure is built: a name that a branch or loop sets again becomes a variable."""
+"""Values and names while a procedure is built. A name that a branch or loop sets again becomes a variable."""
 
 from __future__ import annotations
 
+import dataclasses
 import enum
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Kind, Statement
-from lagrange.procedure.front.kinds import Error, Missing, Weighed, common_kind, described, kind_of, named_kind
-from lagrange.procedure.values import Flag, Memory, Value, Variable
+from lagrange.errors import LagrangeError
+from lagrange.procedure.builder import Builder, GivenFunction
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Statement
+from lagrange.procedure.values import Flag, Memory, Real, RecordFields, Value, Variable, Whole
+
+ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
+
+
+class Ended(Exception):
+    """Exception for a block that has returned from the procedure: the builder skips the statements after it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Missing:
+    """Placeholder for a name before it has a value, or after the branch or loop in which it was first set."""
+
+    name: str
+    where: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+    """A condition marked by `likely` or `unlikely`."""
+
+    condition: Any
+    likely: bool
+
+
+class Error(LagrangeError):
+    """An error without its location; the front end adds file and line."""
+
+
+def leaves(value: Any) -> Iterator[Any]:
+    """Yield the numbers and arrays in a bundle (a dataclass or tuple, also nested), in the order of its fields."""
+    if value is None:
+        return
+    if isinstance(value, (tuple, list)):
+        for one in value:
+            yield from leaves(one)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            yield from leaves(getattr(value, field.name))
+    else:
+        yield value
+
+
+def is_dynamic(value: Any) -> bool:
+    """Return True if a value, or a part of it, is known at run time only."""
+    if isinstance(value, (tuple, list)):
+        return any(map(is_dynamic, value))
+    return isinstance(value, (Value, Memory, RecordFields, GivenFunction))
+
+
+def kind_of(value: Any) -> Kind | None:
+    """Return the kind of a number, whether known at build time or at run time, or None for another object."""
+    if isinstance(value, (Value, Variable)):
+        return value.kind
+    for python, kind in ((bool, FLAG), (int, WHOLE), (float, REAL)):
+        if isinstance(value, python):
+            return kind
+    return None
+
+
+def common_kind(values: Sequence[Any]) -> Kind | None:
+    """Return the kind that numbers have in common, or None.
+
+    Python integers count as reals if a real is among the numbers.
+    """
+    kinds = {kind_of(value) for value in values}
+    if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
+        return REAL
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def real(value: Value) -> Real:
+    """Return a value as a real. Raises Error for another kind."""
+    assert isinstance(value, Real)
+    return value
+
+
+NAMES = {REAL: "a real", WHOLE: "a whole number", FLAG: "a flag"}
+"""Names of kinds in messages."""
+
+
+def described(value: Any) -> str:
+    """Return a description of a value for an error message."""
+    kind = kind_of(value)
+    if kind is not None:
+        return NAMES[kind]
+    if isinstance(value, Memory):
+        return "an array"
+    return "nothing" if value is None else f"an object of type {type(value).__name__}"
 
 
 def is_varied(value: Any) -> bool:
@@ -29,7 +118,7 @@ class Names:
         self.handed: list[Variable] = []
         """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
 
-        self.unnamed = {parameter.ref for parameter in p.parameters}
+        self.parameters = {parameter.ref for parameter in p.parameters}
 
     # --- names
 
@@ -64,13 +153,9 @@ class Names:
 
     def named(self, name: str, value: Any) -> Any:
         """Return a value unchanged, and record its name for printed code."""
-        if name != "_" and isinstance(value, (Value, Memory)) and not self.is_named(value):
-            self.p.names[value.ref] = name
+        if name != "_" and isinstance(value, (Value, Memory)) and value.ref not in self.parameters:
+            self.p.names.setdefault(value.ref, name)
         return value
-
-    def is_named(self, value: Value | Memory) -> bool:
-        """Return True if a value has a name or is a parameter."""
-        return value.ref in self.p.names or value.ref in self.unnamed
 
     def number(self, value: Any, kind: Kind, what: str) -> Value:
         """Return a number as a value of a kind; a Python integer may become a real. Raises Error for another object.
@@ -85,10 +170,10 @@ class Names:
         if isinstance(value, Value):
             if found is not kind:
                 instead = {(REAL, WHOLE): ": write float(n)", (WHOLE, REAL): ": write int(x)"}.get((kind, found), "")
-                raise Error(f"{what} is {named_kind(kind)}, and {named_kind(found)} is given{instead}.")
+                raise Error(f"{what} is {NAMES[kind]}, and {NAMES[found]} is given{instead}.")
             return value
         if found is not kind and (kind, found) != (REAL, WHOLE):
-            raise Error(f"{what} is {named_kind(kind)}, and {value!r} is given.")
+            raise Error(f"{what} is {NAMES[kind]}, and {value!r} is given.")
         made: Value = self.p.constant(int(value) if isinstance(value, enum.IntEnum) else value, kind)
         return made
 

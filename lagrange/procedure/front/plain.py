@@ -21,10 +21,8 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import WHOLE, Array, Callee, Kind, Procedure, Record
 from lagrange.procedure.front.building import Tracer
-from lagrange.procedure.front.code_cache import rewritten_code, store
-from lagrange.procedure.front.executing import Exact
-from lagrange.procedure.front.kinds import Ended, Error, is_dynamic, leaves
-from lagrange.procedure.front.source import FILES
+from lagrange.procedure.front.code_cache import FILES, rewritten_code, store
+from lagrange.procedure.front.names import Ended, Error, is_dynamic, leaves
 from lagrange.procedure.front.vocabulary import KINDS, record_of
 
 Args = ParamSpec("Args")
@@ -88,17 +86,6 @@ class PlainFunction(Generic[Args, Result]):
         """Return the name of this object in its module, for copies and pickles."""
         return self.__name__
 
-    def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
-        """Return the function's result, computed with the arithmetic of compiled code.
-
-        With a `seed`, the iterations of each `each` run in a shuffled order.
-        """
-        return self.computed(Exact(seed), *args, **kwargs)
-
-    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, computed by the receiver `exact`."""
-        return exact.run(self.rewritten, **self.bound(args, kwargs))
-
     def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
         """Return the value of every argument and of every free variable of the function, by name."""
         try:
@@ -130,32 +117,11 @@ class Inline(PlainFunction[Args, Result]):
     @overload
     def __get__(self: Inline[Concatenate[Owner, Rest], Result], owner: Owner, kind: type) -> Callable[Rest, Result]: ...
     def __get__(self, owner: Any, kind: type) -> Any:
-        return self if owner is None else _Method(self, owner)
+        return self if owner is None else MethodType(self, owner)
 
     def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
         """Add the statements of the function to the present block, and return its result."""
         return self.rewritten(tracer, **self.bound(args, kwargs))
-
-    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the function, computed by the receiver `exact`."""
-        return self.rewritten(exact, **self.bound(args, kwargs))
-
-
-class _Method:
-    """An inline method, bound to an object."""
-
-    def __init__(self, inline: Inline[Any, Any], owner: Any) -> None:
-        self.inline, self.owner = inline, owner
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return MethodType(self.inline, self.owner)(*args, **kwargs)
-
-    def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
-        return self.inline.traced(tracer, self.owner, *args, **kwargs)
-
-    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return the result of the method, computed by the receiver `exact`."""
-        return self.inline.computed(exact, self.owner, *args, **kwargs)
 
 
 class Plain(PlainFunction[Args, Result]):

@@ -1,8 +1,8 @@
 """Rewrite the syntax tree of a plain function to a function that passes each step to a receiver.
 
-The receiver is the first argument, `_t`: `building.Tracer` makes statements of the form, `executing.Exact` computes.
-Operations of the values themselves (a + b, a < b, attributes) are unchanged. Control flow, names that
-branches and loops set, division, elements of arrays and calls become calls of the receiver:
+The receiver is the first argument, `_t`: a `building.Tracer`, which makes statements of the form. Operations of the
+values themselves (a + b, a < b, attributes) are unchanged. Control flow, names that branches and loops set, division,
+elements of arrays and calls become calls of the receiver:
 
     if a > b:                         _b0 = _t.branches(a > b)
         x = 1.0                       x, = _b0.open(("x",), (), x)
@@ -10,12 +10,12 @@ branches and loops set, division, elements of arrays and calls become calls of t
                                           try:
                                               if _w1:
                                                   x = _t.assign(x, "x", 1.0)
-                                          except _t.Ended as _e2:
-                                              _b0.ended(_e2)
+                                          except _t.Ended:
+                                              _b0.ended()
                                           x, = _b0.close(x)
                                       x, = _b0.after()
 
-The tracer runs both branches, each in its own block. A receiver that computes runs only one.
+The tracer runs both branches, each in its own block.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure.front.liveness import carried, mentions, stored
-from lagrange.procedure.front.source import Source
 
 RECEIVER = "_t"
 LOAD, STORE = ast.Load(), ast.Store()
@@ -63,20 +62,19 @@ def named(name: str) -> ast.expr:
     return ast.Name(name, LOAD)
 
 
-def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
-    """Return the syntax tree of a call `of.method(*args)`. By default `of` is the receiver."""
-    return ast.Call(ast.Attribute(named(of), method, LOAD), list(args), [])
-
-
-def text(value: str) -> ast.expr:
-    """Return the syntax tree of a constant string."""
-    return ast.Constant(value)
+def told(method: str, *args: ast.expr | str | int, of: str = RECEIVER) -> ast.Call:
+    """Return the syntax tree of a call `of.method(*args)`. By default `of` is the receiver. Texts become constants."""
+    given = [arg if isinstance(arg, ast.expr) else ast.Constant(arg) for arg in args]
+    return ast.Call(ast.Attribute(named(of), method, LOAD), given, [])
 
 
 def lazily(value: ast.expr) -> ast.expr:
     """Return the syntax tree of a lambda without arguments that computes an expression."""
-    nothing = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
-    return ast.Lambda(nothing, value)
+    return ast.Lambda(_arguments([]), value)
+
+
+def _arguments(args: list[ast.arg]) -> ast.arguments:
+    return ast.arguments(posonlyargs=[], args=args, kwonlyargs=[], kw_defaults=[], defaults=[])
 
 
 def put(target: str, value: ast.expr) -> ast.stmt:
@@ -85,10 +83,20 @@ def put(target: str, value: ast.expr) -> ast.stmt:
 
 
 class Rewriter:
-    """Rewrites one function. `outer` are the names in enclosing functions that may be variables."""
+    """Rewrites one function. `comments` are those of its module, by line.
 
-    def __init__(self, source: Source, *, inlined: bool, outer: frozenset[str] = frozenset()) -> None:
-        self.tree, self.comments, self.inlined = source.tree, source.comments, inlined
+    For a function inside another one, `outer` are the names in enclosing functions that may be variables.
+    """
+
+    def __init__(
+        self,
+        tree: ast.FunctionDef,
+        comments: Mapping[int, str],
+        *,
+        inlined: bool,
+        outer: frozenset[str] | None = None,
+    ) -> None:
+        self.tree, self.comments, self.is_inner = tree, comments, outer is not None
         self.body = [delegated(one) for one in single_exit(self.tree)] if inlined else self.tree.body
         self.count = 0
         arguments = self.tree.args
@@ -97,7 +105,7 @@ class Rewriter:
         """For each branch and loop, the names that it sets and that are read afterwards or in its next iteration."""
 
         self.own = {name for names in self.carried.values() for name in names.on}
-        self.changing = frozenset(self.own) | (outer - frozenset(self.parameters))
+        self.changing = frozenset(self.own) | ((outer or frozenset()) - frozenset(self.parameters))
         """Names that a branch or loop may turn into variables, or leave without a value."""
 
         self.scoped: list[frozenset[str]] = []
@@ -105,20 +113,11 @@ class Rewriter:
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
         """Return the rewritten function of the receiver, the parameters, and the plain function's free variables."""
-        first = [] if self.inlined and not free and self.outer_receiver else [RECEIVER]
-        names = [*first, *self.parameters, *free]
-        arguments = ast.arguments(
-            posonlyargs=[],
-            args=[ast.arg(name) for name in names],
-            kwonlyargs=[],
-            kw_defaults=[],
-            defaults=[],
-        )
-        missing = [put(name, told("missing", text(name))) for name in sorted(self.own) if name not in self.parameters]
+        names = [*([] if self.is_inner else [RECEIVER]), *self.parameters, *free]
+        arguments = _arguments([ast.arg(name) for name in names])
+        missing = [put(name, told("missing", name)) for name in sorted(self.own) if name not in self.parameters]
         body = [*missing, *self.block(self.body, self.tree.lineno)]
         return ast.FunctionDef(self.tree.name, arguments, body or [ast.Pass()], [], lineno=self.tree.lineno)
-
-    outer_receiver = False
 
     def fresh(self) -> str:
         """Return a new name that the function does not use."""
@@ -139,7 +138,7 @@ class Rewriter:
             said = [self.comments[line] for line in range(before + 1, statement.lineno) if line in self.comments]
             before = statement.end_lineno or statement.lineno
             if said:
-                made.append(ast.Expr(told("note", text(" ".join(said))), lineno=statement.lineno))
+                made.append(ast.Expr(told("note", " ".join(said)), lineno=statement.lineno))
             for one in self.statement(statement):
                 if "lineno" not in one.__dict__:
                     one.lineno = statement.lineno
@@ -164,7 +163,7 @@ class Rewriter:
             case ast.AugAssign(target=target, op=op, value=value):
                 return self.augmented(target, op, value)
             case ast.Return(value=value):
-                return [ast.Expr(told("leave", self.expression(value) if value is not None else ast.Constant(None)))]
+                return [ast.Expr(told("leave", self.optional(value)))]
             case ast.If():
                 return self.branches(s)
             case ast.While(test=test, body=body, orelse=[]):
@@ -195,33 +194,33 @@ class Rewriter:
                 return [self.to_name(name, value)]
             case ast.Tuple(elts=targets) | ast.List(elts=targets):
                 held = self.fresh()
-                made = [put(held, told("unpacked", value, ast.Constant(len(targets))))]
+                made = [put(held, told("unpacked", value, len(targets)))]
                 for i, one in enumerate(targets):
                     made += self.to_target(one, ast.Subscript(named(held), ast.Constant(i), LOAD))
                 return made
             case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
                 return [ast.Expr(told("store", self.expression(array), self.expression(place), value))]
             case ast.Attribute(value=owner, attr=field):
-                return [ast.Expr(told("write", self.expression(owner), text(field), value))]
+                return [ast.Expr(told("write", self.expression(owner), field, value))]
         raise self.refuse(target, INSTEAD.get(type(target), "this target"))
 
     def to_name(self, name: str, value: ast.expr) -> ast.stmt:
         """Return the assignment of a rewritten value to a name."""
         if name in self.own:
-            return put(name, told("assign", named(name), text(name), value))
-        return put(name, told("named", text(name), value))
+            return put(name, told("assign", named(name), name, value))
+        return put(name, told("named", name, value))
 
     def copy(self, target: ast.Subscript, place: ast.Slice, value: ast.expr) -> ast.expr:
         """Return the rewritten copy `a[:n] = b[:n]`, or fill `a[:n] = number`. `place` is the target's slice."""
-        here = (self.expression(target.value), self.bound(place.lower), self.bound(place.upper))
+        here = (self.expression(target.value), self.optional(place.lower), self.optional(place.upper))
         if isinstance(value, ast.Subscript) and isinstance(value.slice, ast.Slice):
-            there = (self.expression(value.value), self.bound(value.slice.lower), self.bound(value.slice.upper))
+            there = (self.expression(value.value), self.optional(value.slice.lower), self.optional(value.slice.upper))
             return told("copy", *here, *there)
         return told("fill", *here, self.expression(value))
 
-    def bound(self, place: ast.expr | None) -> ast.expr:
-        """Return the rewritten bound of a slice, or the constant None for an omitted bound."""
-        return ast.Constant(None) if place is None else self.expression(place)
+    def optional(self, x: ast.expr | None) -> ast.expr:
+        """Return the rewritten form of an expression, or the constant None for an omitted one."""
+        return ast.Constant(None) if x is None else self.expression(x)
 
     def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
         """Return the rewritten `target op= value`, which evaluates the index of the target once."""
@@ -240,7 +239,7 @@ class Rewriter:
                 held = self.fresh()
                 before = ast.Attribute(named(held), field, LOAD)
                 made = self.binary(op, before, self.expression(value))
-                return [put(held, self.expression(owner)), ast.Expr(told("write", named(held), text(field), made))]
+                return [put(held, self.expression(owner)), ast.Expr(told("write", named(held), field, made))]
         raise self.refuse(target, "this target of an assignment in place")
 
     # --- control flow
@@ -300,9 +299,9 @@ class Rewriter:
 
         `held` names the block object that opens and closes the body.
         """
-        texts = ast.Tuple([text(name) for name in names], LOAD)
+        texts = ast.Tuple([ast.Constant(name) for name in names], LOAD)
         values = [named(name) for name in names]
-        anew = ast.Tuple([text(name) for name in names if name in self.carried[s].anew], LOAD)
+        anew = ast.Tuple([ast.Constant(name) for name in names if name in self.carried[s].anew], LOAD)
 
         def given(call: ast.expr) -> ast.stmt:
             if not names:
@@ -310,8 +309,8 @@ class Rewriter:
             return ast.Assign([ast.Tuple([ast.Name(name, STORE) for name in names], STORE)], call)
 
         if mentions(s).returns:
-            caught, name = ast.Attribute(named(RECEIVER), "Ended", LOAD), self.fresh()
-            handler = ast.ExceptHandler(caught, name, [ast.Expr(told("ended", named(name), of=held))])
+            caught = ast.Attribute(named(RECEIVER), "Ended", LOAD)
+            handler = ast.ExceptHandler(caught, None, [ast.Expr(told("ended", of=held))])
             body = [ast.Try(body, [handler], [], [])]
         return [
             given(told("open", texts, anew, *values, of=held)),
@@ -333,22 +332,21 @@ class Rewriter:
                 body += self.block([statement], before)
             else:
                 _, function, args = reductions[folded]
-                which = text("add") if function is None else self.expression(function)
+                which = "add" if function is None else self.expression(function)
                 given = [self.expression(arg) for arg in args]
-                body.append(ast.Expr(told("fold", ast.Constant(slots[folded]), which, *given, of=loop)))
+                body.append(ast.Expr(told("fold", slots[folded], which, *given, of=loop)))
             before = statement.end_lineno or statement.lineno
         names = [name for name in self.handed(s) if name not in reductions]
         made = self.through(s, loop, named(loop), index, names, body)
         for name, slot in slots.items():
-            made.append(self.to_name(name, told("folded", ast.Constant(slot), self.name(name), of=loop)))
+            made.append(self.to_name(name, told("folded", slot, self.name(name), of=loop)))
         return made
 
     def local_function(self, s: ast.FunctionDef) -> list[ast.stmt]:
         """Return the rewritten definition of an inner function, which is inlined into its callers."""
         if s.decorator_list:
             raise self.refuse(s, "a decorated function inside another")
-        inner = Rewriter(Source(s, self.comments), inlined=True, outer=self.changing)
-        inner.outer_receiver = True
+        inner = Rewriter(s, self.comments, inlined=True, outer=self.changing)
         return [inner.function(), put(s.name, told("local", named(s.name)))]
 
     # --- expressions
@@ -369,9 +367,9 @@ class Rewriter:
             case ast.Attribute(value=owner, attr=field):
                 return ast.Attribute(self.expression(owner), field, LOAD)
             case ast.Subscript(value=array, slice=ast.Slice(lower=lower, upper=upper, step=None)):
-                return told("part", self.expression(array), self.bound(lower), self.bound(upper))
+                return told("part", self.expression(array), self.optional(lower), self.optional(upper))
             case ast.Subscript(value=array, slice=ast.Slice(lower=lower, upper=upper, step=step)):
-                bounds = [self.bound(bound) for bound in (lower, upper, step)]
+                bounds = [self.optional(bound) for bound in (lower, upper, step)]
                 return told("item", self.expression(array), ast.Call(named("slice"), bounds, []))
             case ast.Subscript(value=array, slice=place):
                 return told("item", self.expression(array), self.expression(place))
@@ -384,7 +382,8 @@ class Rewriter:
             case ast.BoolOp(op=op, values=[first, *others]):
                 made = self.expression(first)
                 for value in others:
-                    made = told("both" if isinstance(op, ast.And) else "either", made, lazily(self.expression(value)))
+                    name = "and" if isinstance(op, ast.And) else "or"
+                    made = told("joined", name, made, lazily(self.expression(value)))
                 return made
             case ast.Compare():
                 return self.comparison(x)
@@ -436,7 +435,7 @@ class Rewriter:
                 one: ast.expr = told(EQUALITIES[type(op)], *pair)
             else:
                 one = ast.Compare(pair[0], [op], [pair[1]])
-            made = one if made is None else told("both", made, lazily(one))
+            made = one if made is None else told("joined", "and", made, lazily(one))
             left = right
         assert made is not None
         return made

@@ -15,7 +15,7 @@ import numpy as np
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure, Record
-from lagrange.procedure.front.kinds import leaves
+from lagrange.procedure.front.names import leaves
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.interpreter import run
 
