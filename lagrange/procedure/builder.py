@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from lagrange.errors import LagrangeError
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
@@ -24,29 +25,13 @@ from lagrange.procedure.form import (
     WHOLE,
     Array,
     Block,
-    Call,
     Callee,
-    Declare,
-    Each,
-    Fold,
     Kind,
-    Leave,
-    Let,
-    Loop,
-    Note,
     Parameter,
-    Part,
     Procedure,
     Record,
-    Reduce,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    SineCosine,
     Statement,
     Vector,
-    VectorLet,
-    When,
     result_kind,
 )
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
@@ -73,7 +58,7 @@ class GivenFunction:
 
     def __call__(self, *args: Any) -> Any:
         """Return the result of the call: None, a value, or a tuple of values."""
-        return self._builder.call_given(self.ref, self._callee, args)
+        return self._builder.call_function(self.ref, self._callee.results, self._callee.parameters, args)
 
 
 class OpenBranches:
@@ -88,9 +73,9 @@ class OpenBranches:
         with self._builder.block() as body:
             yield
         statement = self._builder.current[self._place]
-        if not isinstance(statement, When) or self._place != len(self._builder.current) - 1:
+        if not isinstance(statement, form.When) or self._place != len(self._builder.current) - 1:
             raise LagrangeError("`otherwise` stands right behind the block of its condition.")
-        self._builder.current[self._place] = When(
+        self._builder.current[self._place] = form.When(
             statement.condition, statement.then, tuple(body), likely=statement.likely
         )
 
@@ -103,7 +88,7 @@ class Builder:
         self.parameters: list[Parameter] = []
         self.names: dict[int, str] = {}
         self.current: list[Statement] = []
-        self._folds: list[Fold] | None = None
+        self._folds: list[form.Fold] | None = None
         self._constants: list[dict[tuple[Kind, str], Any]] = [{}]
         """The constants of each open block."""
         self._count = 0
@@ -154,12 +139,12 @@ class Builder:
             given = ", ".join(arg.kind for arg in found)
             raise LagrangeError(f"procedure {self.name}: {op} takes no {given}.")
         refs = tuple(arg.ref for arg in found)
-        return self.made(result, lambda ref: Let(ref, result, op, refs))
+        return self.made(result, lambda ref: form.Let(ref, result, op, refs))
 
     def sine_cosine(self, angle: Any) -> tuple[Any, Any]:
         """Return the sine and the cosine of an angle, or of each entry of a vector."""
         sine, cosine = self.unused(), self.unused()
-        self.add(SineCosine(sine, cosine, angle.ref))
+        self.add(form.SineCosine(sine, cosine, angle.ref))
         return self.value_of(sine, _kind_of(angle)), self.value_of(cosine, _kind_of(angle))
 
     def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
@@ -177,10 +162,12 @@ class Builder:
         kind = parts[0].kind
         if len(places) > 1:
             vector, refs = Vector(kind, len(places)), tuple(one.ref for one in parts)
-            return self.made(vector, lambda ref: VectorLet(ref, vector, "permute", refs, tuple(places)))
+            return self.made(vector, lambda ref: form.VectorLet(ref, vector, "permute", refs, tuple(places)))
         known = [(one, k) for one in parts for k in range(one.width if isinstance(one, Entries) else 1)]
         one, k = known[places[0]]
-        return self.made(kind, lambda ref: Reduce(ref, kind, "entry", one.ref, k)) if isinstance(one, Entries) else one
+        if not isinstance(one, Entries):
+            return one
+        return self.made(kind, lambda ref: form.Reduce(ref, kind, "entry", one.ref, k))
 
     def entrywise(self, op: str, *args: Any) -> Entries:
         """Return the result of the operation `op` on vectors. Numbers and flags among the operands are broadcast."""
@@ -192,7 +179,7 @@ class Builder:
         if result is None:
             raise LagrangeError(f"procedure {self.name}: {op} takes no {', '.join(arg.vector.kind for arg in wide)}.")
         vector, refs = Vector(result, width), tuple(arg.ref for arg in wide)
-        made: Entries = self.made(vector, lambda ref: VectorLet(ref, vector, op, refs))
+        made: Entries = self.made(vector, lambda ref: form.VectorLet(ref, vector, op, refs))
         return made
 
     def constant(self, value: Any, kind: Kind) -> Any:
@@ -204,7 +191,7 @@ class Builder:
         for known in self._constants:
             if key in known:
                 return known[key]
-        found = self._constants[-1][key] = self.made(kind, lambda ref: Let(ref, kind, CONSTANT, (), data))
+        found = self._constants[-1][key] = self.made(kind, lambda ref: form.Let(ref, kind, CONSTANT, (), data))
         return found
 
     @property
@@ -286,7 +273,7 @@ class Builder:
         """Return a new variable with `value` as its first value. For a Python number the kind follows from its type."""
         kind = _kind_of(value)
         first, ref = self.operand(value, kind), self.unused()
-        self.add(Declare(ref, kind, first))
+        self.add(form.Declare(ref, kind, first))
         if name:
             self.names[ref] = name
         return Variable(self, ref, kind)
@@ -294,7 +281,7 @@ class Builder:
     def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
         """Return a local array with undefined values. `form.Array` defines `room`."""
         array, ref = Array(kind, size, room=room), self.unused()
-        self.add(Reserve(ref, array))
+        self.add(form.Reserve(ref, array))
         if name:
             self.names[ref] = name
         return Memory(self, ref, array)
@@ -302,14 +289,14 @@ class Builder:
     def reserve_record(self, record: Record, name: str = "") -> Any:
         """Return a local record; its fields are zero at first."""
         ref = self.unused()
-        self.add(ReserveRecord(ref, record))
+        self.add(form.ReserveRecord(ref, record))
         self.names[ref] = name or record.name.lower()
         return RecordFields(self, ref, record)
 
     def part(self, memory: Memory, start: Any) -> Memory:
         """Return the part of an array from index `start` on."""
         place, ref = self.operand(start, WHOLE), self.unused()
-        self.add(Part(ref, memory.ref, place))
+        self.add(form.Part(ref, memory.ref, place))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
 
     def copy(
@@ -349,7 +336,7 @@ class Builder:
         branches = OpenBranches(self, len(self.current))
         with self.block() as body:
             yield branches
-        self.add(When(condition.ref, tuple(body), likely=likely))
+        self.add(form.When(condition.ref, tuple(body), likely=likely))
 
     @contextmanager
     def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
@@ -357,7 +344,7 @@ class Builder:
         first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self.unused()
         with self.block() as body:
             yield Whole(self, index)
-        self.add(Loop(index, first, last, step, tuple(body)))
+        self.add(form.Loop(index, first, last, step, tuple(body)))
 
     @contextmanager
     def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
@@ -369,7 +356,7 @@ class Builder:
             condition = test().ref
         with self.block() as body:
             yield
-        self.add(Repeat(tuple(asked), condition, tuple(body)))
+        self.add(form.Repeat(tuple(asked), condition, tuple(body)))
 
     @contextmanager
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
@@ -383,7 +370,7 @@ class Builder:
             raise LagrangeError(f"procedure {self.name}: an `each` stands in another.")
         with self.block() as body:
             yield Whole(self, index)
-        self.add(Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))
+        self.add(form.Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))
         self._folds = None
 
     def sum(self, value: Real) -> Folded:
@@ -411,18 +398,17 @@ class Builder:
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
-        self._folds.append(Fold(self.unused(), op, self.operand(value, REAL), factor))
+        self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), factor))
         return Folded(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
         """Call another procedure, and return its results: None, a value or a tuple of values."""
-        return self._call(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
+        return self.call_function(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
 
-    def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
-        """Call the function parameter with the id `ref`, and return its results: None, a value or a tuple of values."""
-        return self._call(ref, callee.results, callee.parameters, args)
-
-    def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
+    def call_function(
+        self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any
+    ) -> Any:
+        """Call a procedure, or the function parameter with the id `callee`. `types` are those of its parameters."""
         if len(args) != len(types):
             raise LagrangeError(f"procedure {self.name}: a call gives {len(args)} arguments for {len(types)}.")
         given = tuple(
@@ -430,13 +416,13 @@ class Builder:
             for arg, kind in zip(args, types, strict=True)
         )
         refs = tuple(self.unused() for _ in results)
-        self.add(Call(refs, callee, given))
+        self.add(form.Call(refs, callee, given))
         values = tuple(VALUES[kind](self, ref) for kind, ref in zip(results, refs, strict=True))
         return values[0] if len(values) == 1 else values or None
 
     def leave(self, *values: Any) -> None:
         """Return from the procedure with results. Python integers become wholes."""
-        self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
+        self.add(form.Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
 
     def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
         """Return from the procedure with results if a condition holds.
@@ -448,11 +434,11 @@ class Builder:
 
     def note(self, text: str) -> None:
         """Add a comment, which printers print."""
-        self.add(Note(text))
+        self.add(form.Note(text))
 
     def add(self, statement: Statement) -> None:
         """Add a statement to the block that is being built."""
-        if self.current and isinstance(self.current[-1], Leave):
+        if self.current and isinstance(self.current[-1], form.Leave):
             raise LagrangeError(f"procedure {self.name}: a statement stands behind the end.")
         self.current.append(statement)
 

@@ -9,46 +9,13 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from lagrange.procedure.form import (
-    CONSTANT,
-    PARTIAL,
-    REAL,
-    SUMS,
-    Array,
-    Block,
-    Call,
-    Declare,
-    Each,
-    Fold,
-    Gather,
-    Get,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
-    Procedure,
-    Read,
-    Reduce,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
-    Store,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-    When,
-    Write,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, SUMS, Array, Fold, Procedure, Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Results = tuple[Any, ...]
@@ -79,141 +46,130 @@ def run(procedure: Procedure, *args: Any) -> Results:
     for parameter, arg in zip(procedure.parameters, args, strict=True):
         plain = not isinstance(parameter.type, Array) or isinstance(arg, Span)
         environment[parameter.ref] = arg if plain else Span(arg)
-    found = _block(procedure.body, environment)
-    return () if found is None else found
+    return _block(procedure.body, environment) or ()
 
 
-def _block(block: Block, known: Environment) -> Results | None:
+def _block(block: Sequence[Any], known: Environment) -> Results | None:
     """Run statements; return the results if a statement ends the procedure, else None. `known` maps ids to values."""
     for statement in block:
-        found = _STATEMENTS[type(statement)](statement, known)
-        if found is not None:
-            return found
+        value = _VALUES.get(type(statement))
+        if value is not None:
+            known[statement.ref] = value(statement, known)
+        elif (results := _effect(statement, known)) is not None:
+            return results
     return None
 
 
-def _let(let: Let, known: Environment) -> None:
-    known[let.ref] = let.data if let.op == CONSTANT else OPERATIONS[let.op](*[known[arg] for arg in let.args])
+def _effect(statement: Statement, known: Environment) -> Results | None:
+    """Run a statement that changes memory or variables, or directs control. The result is that of `_block`."""
+    match statement:
+        case form.Store(array=array, place=place, value=value):
+            known[array][known[place]] = known[value]
+        case form.Write(record=record, field=field, value=value):
+            setattr(known[record], field, known[value])
+        case form.Set(variable=variable, value=value):
+            known[variable] = known[value]
+        case form.SineCosine(sine=sine, cosine=cosine, angle=angle):
+            for op, ref in (("sin", sine), ("cos", cosine)):
+                x, take = known[angle], OPERATIONS[op]
+                known[ref] = tuple(map(take, x)) if isinstance(x, tuple) else take(x)
+        case form.VectorStore(array=array, place=place, value=value, mask=mask):
+            places = range(known[place], known[place] + len(known[value]))
+            _scatter(known[array], places, known[value], None if mask is None else known[mask])
+        case form.Scatter(array=array, places=indices, value=value, mask=mask):
+            _scatter(known[array], known[indices], known[value], known[mask])
+        case form.When(condition=condition, then=then, otherwise=otherwise):
+            return _block(then if known[condition] else otherwise, known)
+        case form.Loop() | form.Repeat():
+            for _ in _iterations(statement, known):
+                results = _block(statement.body, known)
+                if results is not None:
+                    return results
+        case form.Each():
+            _each(statement, known)
+        case form.Call(refs=refs, callee=callee, args=args):
+            given = [known[arg] for arg in args]
+            if isinstance(callee, Procedure):
+                results = run(callee, *given)
+            else:
+                returned = known[callee](*given)
+                results = returned if len(refs) > 1 else (returned,)[: len(refs)]
+            known.update(zip(refs, results, strict=True))
+        case form.Leave(values=values):
+            return tuple(known[value] for value in values)
+    return None
 
 
-def _sine_cosine(pair: SineCosine, known: Environment) -> None:
-    for op, ref in (("sin", pair.sine), ("cos", pair.cosine)):
-        angle, take = known[pair.angle], OPERATIONS[op]
-        known[ref] = tuple(map(take, angle)) if isinstance(angle, tuple) else take(angle)
+def _iterations(loop: form.Loop | form.Repeat, known: Environment) -> Iterator[None]:
+    """Yield once for each iteration of a loop."""
+    if isinstance(loop, form.Loop):
+        for index in range(known[loop.start], known[loop.stop], loop.step):
+            known[loop.place] = index
+            yield
+        return
+    _block(loop.test, known)
+    while known[loop.condition]:
+        yield
+        _block(loop.test, known)
 
 
-def _vector_let(let: VectorLet, known: Environment) -> None:
+def _vector(let: form.VectorLet, known: Environment) -> tuple[Any, ...]:
     args = [known[arg] for arg in let.args]
-    if let.op == "permute":
-        entries = [entry for arg in args for entry in (arg if isinstance(arg, tuple) else (arg,))]
-        known[let.ref] = tuple(entries[place] for place in let.places)
-    else:
-        known[let.ref] = tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
+    if let.op != "permute":
+        return tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
+    entries = [entry for arg in args for entry in (arg if isinstance(arg, tuple) else (arg,))]
+    return tuple(entries[place] for place in let.places)
 
 
-def _reduce(reduce: Reduce, known: Environment) -> None:
+def _reduced(reduce: form.Reduce, known: Environment) -> Any:
     entries = known[reduce.vector]
     if reduce.op == "entry":
-        known[reduce.ref] = entries[reduce.place]
-        return
+        return entries[reduce.place]
     if reduce.op == "any":
-        known[reduce.ref] = any(entries)
-        return
+        return any(entries)
     while len(entries) > 1:
         half = len(entries) // 2
         entries = tuple(a + b for a, b in zip(entries[:half], entries[half:], strict=True))
-    known[reduce.ref] = entries[0]
+    return entries[0]
 
 
-def _vector_load(load: VectorLoad | Gather, known: Environment) -> None:
-    array, number = known[load.array], float if load.vector.kind is REAL else int
-    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else known[load.mask]
-    if isinstance(load, Gather):
-        places = known[load.places]
-    else:
-        places = range(known[load.place], known[load.place] + load.vector.width)
-    known[load.ref] = tuple(number(array[place] if read else 0) for place, read in zip(places, mask, strict=True))
+def _gathered(load: form.VectorLoad | form.Gather, known: Environment) -> tuple[Any, ...]:
+    array, number, width = known[load.array], float if load.vector.kind is REAL else int, load.vector.width
+    mask: Sequence[bool] = (True,) * width if load.mask is None else known[load.mask]
+    first = 0 if isinstance(load, form.Gather) else known[load.place]
+    places = known[load.places] if isinstance(load, form.Gather) else range(first, first + width)
+    return tuple(number(array[place] if read else 0) for place, read in zip(places, mask, strict=True))
 
 
-def _vector_store(store: VectorStore, known: Environment) -> None:
-    for k, value in enumerate(known[store.value]):
-        if store.mask is None or known[store.mask][k]:
-            known[store.array][known[store.place] + k] = value
-
-
-def _scatter(scatter: Scatter, known: Environment) -> None:
-    for place, value, written in zip(known[scatter.places], known[scatter.value], known[scatter.mask], strict=True):
+def _scatter(array: Any, places: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:
+    for place, value, written in zip(places, entries, mask or (True,) * len(entries), strict=True):
         if written:
-            known[scatter.array][place] = value
+            array[place] = value
 
 
-def _reserve(reserve: Reserve, known: Environment) -> None:
-    size = (reserve.array.size or 0) + reserve.array.room
-    known[reserve.ref] = Span([math.nan if reserve.array.kind is REAL else 0] * size)
+_VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
+    form.Let: lambda s, known: s.data if s.op == CONSTANT else OPERATIONS[s.op](*[known[arg] for arg in s.args]),
+    form.VectorLet: _vector,
+    form.Reduce: _reduced,
+    form.VectorLoad: _gathered,
+    form.Gather: _gathered,
+    form.Reserve: lambda s, known: Span([math.nan if s.array.kind is REAL else 0] * (s.array.size + s.array.room)),
+    form.ReserveRecord: lambda s, known: s.record.structure(),
+    form.Part: lambda s, known: known[s.array].part(known[s.start]),
+    form.Load: lambda s, known: (float if s.kind is REAL else int)(known[s.array][known[s.place]]),
+    form.Read: lambda s, known: _field(getattr(known[s.record], s.field)),
+    form.Declare: lambda s, known: known[s.value],
+    form.Get: lambda s, known: known[s.variable],
+}
+"""The value that a statement gives to its id `ref`."""
 
 
-def _reserve_record(reserve: ReserveRecord, known: Environment) -> None:
-    known[reserve.ref] = reserve.record.structure()
+def _field(value: Any) -> Any:
+    """Return a field of a record: a number, or the entries of a vector."""
+    return value if isinstance(value, (int, float)) else tuple(value)
 
 
-def _part(part: Part, known: Environment) -> None:
-    known[part.ref] = known[part.array].part(known[part.start])
-
-
-def _load(load: Load, known: Environment) -> None:
-    value = known[load.array][known[load.place]]
-    known[load.ref] = float(value) if load.kind is REAL else int(value)
-
-
-def _store(store: Store, known: Environment) -> None:
-    known[store.array][known[store.place]] = known[store.value]
-
-
-def _read(read: Read, known: Environment) -> None:
-    value = getattr(known[read.record], read.field)
-    known[read.ref] = value if isinstance(value, (int, float)) else tuple(value)
-
-
-def _write(write: Write, known: Environment) -> None:
-    setattr(known[write.record], write.field, known[write.value])
-
-
-def _declare(declare: Declare, known: Environment) -> None:
-    known[declare.ref] = known[declare.value]
-
-
-def _get(get: Get, known: Environment) -> None:
-    known[get.ref] = known[get.variable]
-
-
-def _set(one: Set, known: Environment) -> None:
-    known[one.variable] = known[one.value]
-
-
-def _when(when: When, known: Environment) -> Results | None:
-    return _block(when.then if known[when.condition] else when.otherwise, known)
-
-
-def _loop(loop: Loop, known: Environment) -> Results | None:
-    for index in range(known[loop.start], known[loop.stop], loop.step):
-        known[loop.place] = index
-        found = _block(loop.body, known)
-        if found is not None:
-            return found
-    return None
-
-
-def _repeat(repeat: Repeat, known: Environment) -> Results | None:
-    while True:
-        _block(repeat.test, known)
-        if not known[repeat.condition]:
-            return None
-        found = _block(repeat.body, known)
-        if found is not None:
-            return found
-
-
-def _each(each: Each, known: Environment) -> None:
+def _each(each: form.Each, known: Environment) -> None:
     values: list[list[tuple[float, ...]]] = [[] for _ in each.folds]
     for index in range(known[each.iterations]):
         known[each.place] = index
@@ -231,54 +187,10 @@ def _folded(fold: Fold, values: Sequence[tuple[float, ...]]) -> float:
             largest = LARGER[fold.op](largest, value)
         return largest
     sums = [0.0] * PARTIAL
-    for i, given in enumerate(values):
+    for i, factors in enumerate(values):
         before = sums[i % PARTIAL]
-        sums[i % PARTIAL] = before + given[0] if fold.op == "add" else fused(given[0], given[1], before)
+        sums[i % PARTIAL] = before + factors[0] if fold.op == "add" else fused(factors[0], factors[1], before)
     return (sums[0] + sums[1]) + (sums[2] + sums[3])
-
-
-def _call(call: Call, known: Environment) -> None:
-    args = [known[arg] for arg in call.args]
-    callee = call.callee
-    if isinstance(callee, Procedure):
-        results = run(callee, *args)
-    else:
-        found = known[callee](*args)
-        results = found if len(call.refs) > 1 else (found,)[: len(call.refs)]
-    known.update(zip(call.refs, results, strict=True))
-
-
-def _leave(leave: Leave, known: Environment) -> Results:
-    return tuple(known[value] for value in leave.values)
-
-
-_STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
-    Let: _let,
-    SineCosine: _sine_cosine,
-    VectorLet: _vector_let,
-    Reduce: _reduce,
-    VectorLoad: _vector_load,
-    Gather: _vector_load,
-    VectorStore: _vector_store,
-    Scatter: _scatter,
-    Reserve: _reserve,
-    ReserveRecord: _reserve_record,
-    Part: _part,
-    Load: _load,
-    Store: _store,
-    Read: _read,
-    Write: _write,
-    Declare: _declare,
-    Get: _get,
-    Set: _set,
-    When: _when,
-    Loop: _loop,
-    Repeat: _repeat,
-    Each: _each,
-    Call: _call,
-    Leave: _leave,
-    Note: lambda note, known: None,
-}
 
 
 # --- arithmetic of doubles as in processors: undefined results are NaN or infinite, and no exception is raised
@@ -356,29 +268,8 @@ def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Cal
     return value
 
 
-def _round(x: float) -> float:
-    return math.copysign(float(round(x)), x) if math.isfinite(x) else x
-
-
 def _bits(x: float) -> int:
     return int(struct.unpack("<Q", struct.pack("<d", x))[0])
-
-
-def _exponent(x: float) -> int:
-    return (_bits(x) >> 52 & 2047) - 1023
-
-
-def _mantissa(x: float) -> float:
-    return float(struct.unpack("<d", struct.pack("<Q", _bits(x) & 2**52 - 1 | 1023 << 52))[0])
-
-
-def _quotient(a: int, b: int) -> int:
-    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
-
-
-def _atanh(x: float) -> float:
-    """Return atanh(x), infinite at 1 and -1."""
-    return math.copysign(math.inf, x) if abs(x) == 1 else _total(math.atanh)(x)
 
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
@@ -390,16 +281,16 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "max": _max,
     "magnitude": _magnitude,
     "neg": lambda a: -a,
-    "quotient": _quotient,
+    "quotient": lambda a, b: abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1),
     "abs": abs,
     "sqrt": _total(math.sqrt),
     "sign": lambda a: 1.0 if a > 0 else -1.0 if a < 0 else a,
     **{one.name: _total(one.of_float, pole=one.pole) for one in ELEMENTARY.values()},
     "atan2": math.atan2,
     "copysign": math.copysign,
-    "atanh": _atanh,
+    "atanh": lambda x: math.copysign(math.inf, x) if abs(x) == 1 else _total(math.atanh)(x),
     "power": _power,
-    "round": _round,
+    "round": lambda x: math.copysign(float(round(x)), x) if math.isfinite(x) else x,
     "fma": fused,
     "fnma": lambda a, b, c: fused(-a, b, c),
     "less": lambda a, b: a < b,
@@ -412,7 +303,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "real": float,
     "whole": int,
     "two_to": lambda k: math.ldexp(1.0, k),
-    "exponent": _exponent,
-    "mantissa": _mantissa,
+    "exponent": lambda x: (_bits(x) >> 52 & 2047) - 1023,
+    "mantissa": lambda x: struct.unpack("<d", struct.pack("<Q", _bits(x) & 2**52 - 1 | 1023 << 52))[0],
 }
 """Every operation of the form on Python's numbers."""

@@ -10,27 +10,8 @@ from dataclasses import dataclass
 from itertools import count
 from typing import NamedTuple
 
-from lagrange.procedure.form import (
-    CONSTANT,
-    FLAG,
-    Block,
-    Call,
-    Get,
-    Kind,
-    Leave,
-    Let,
-    Note,
-    Procedure,
-    Reduce,
-    Set,
-    Statement,
-    Vector,
-    VectorLet,
-    VectorLoad,
-    When,
-    of_width,
-    walk,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import CONSTANT, FLAG, Block, Kind, Procedure, Statement, Vector, of_width, walk
 
 SHORT_BRANCH = 8
 """Largest number of operations of a branch for which both sides are computed for all members."""
@@ -91,7 +72,7 @@ class MemberStatements:
         """Add a constant of a kind and return its id."""
         ref = self.new(kind)
         self.constants[ref] = value
-        self.out.append(Let(ref, kind, CONSTANT, (), value))
+        self.out.append(form.Let(ref, kind, CONSTANT, (), value))
         return ref
 
     def wide(self, ref: int) -> int:
@@ -99,7 +80,7 @@ class MemberStatements:
         if ref in self.vectors:
             return ref
         made = self.new(self.kinds[ref], wide=True)
-        self.out.append(VectorLet(made, self.vector(self.kinds[ref]), "permute", (ref,), (0,) * self.lanes))
+        self.out.append(form.VectorLet(made, self.vector(self.kinds[ref]), "permute", (ref,), (0,) * self.lanes))
         return made
 
     def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
@@ -109,17 +90,17 @@ class MemberStatements:
         """
         if not wide and self.vectors.isdisjoint(args):
             ref = self.new(kind)
-            self.out.append(Let(ref, kind, op, args))
+            self.out.append(form.Let(ref, kind, op, args))
             return ref
         vectors = tuple(self.wide(arg) for arg in args)
         ref = self.new(kind, wide=True)
-        self.out.append(VectorLet(ref, self.vector(kind), op, vectors))
+        self.out.append(form.VectorLet(ref, self.vector(kind), op, vectors))
         return ref
 
     def loaded(self, array: int, place: int, kind: Kind) -> int:
         """Return the id of a vector of adjacent entries of an array from index `place` on, one for each member."""
         ref = self.new(kind, wide=True)
-        self.out.append(VectorLoad(ref, self.vector(kind), array, place))
+        self.out.append(form.VectorLoad(ref, self.vector(kind), array, place))
         return ref
 
     def call(self, callee: Procedure, args: Sequence[int]) -> tuple[int, ...]:
@@ -128,7 +109,7 @@ class MemberStatements:
         for one in callee.results:
             kind, wide = (one.kind, True) if isinstance(one, Vector) else (one, False)
             refs.append(self.new(kind, wide=wide))
-        self.out.append(Call(tuple(refs), callee, tuple(args)))
+        self.out.append(form.Call(tuple(refs), callee, tuple(args)))
         return tuple(refs)
 
     # --- masks and variables
@@ -144,33 +125,29 @@ class MemberStatements:
     def some(self, mask: int) -> int:
         """Return the flag that is true if a mask contains any member."""
         ref = self.new(FLAG)
-        self.out.append(Reduce(ref, FLAG, "any", mask))
+        self.out.append(form.Reduce(ref, FLAG, "any", mask))
         return ref
 
     def got(self, variable: MemberVariable) -> int:
         """Add the read of a variable and return the id of its value."""
         wide = variable.ref in self.vectors
         ref = self.new(variable.kind, wide=wide)
-        self.out.append(Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
+        self.out.append(form.Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
         return ref
 
     def set(self, variable: MemberVariable, value: int) -> None:
         """Add an assignment to a variable for all members."""
-        self.out.append(Set(variable.ref, value))
+        self.out.append(form.Set(variable.ref, value))
 
 
 def leaves(block: Block) -> bool:
     """Return True if a block contains a return from the procedure."""
-    return any(isinstance(one, Leave) for one in walk(block))
+    return any(isinstance(one, form.Leave) for one in walk(block))
 
 
-def count_statements(block: Block) -> int:
-    """Return the number of statements of a block, including nested ones."""
-    return sum(1 for _ in walk(block))
-
-
-def is_cheap(when: When) -> bool:
+def is_cheap(when: form.When) -> bool:
     """Return True if computing both branches takes less time than testing whether any member takes each."""
     both = (*when.then, *when.otherwise)
-    allowed = all(isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and one.op in CHEAP) for one in both)
-    return allowed and sum(isinstance(one, Let) for one in both) <= SHORT_BRANCH
+    operations = [one for one in both if isinstance(one, form.Let)]
+    others = all(isinstance(one, (form.Let, form.Get, form.Set, form.Note)) for one in both)
+    return others and len(operations) <= SHORT_BRANCH and all(one.op in CHEAP for one in operations)

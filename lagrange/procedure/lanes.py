@@ -13,6 +13,7 @@ from dataclasses import replace
 from itertools import count
 
 from lagrange.errors import LagrangeError
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
@@ -22,48 +23,18 @@ from lagrange.procedure.form import (
     WHOLE,
     Array,
     Block,
-    Call,
     Callee,
-    Declare,
-    Each,
-    Fold,
-    Gather,
-    Get,
     Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
     Parameter,
-    Part,
     Procedure,
-    Read,
     Record,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
     Statement,
-    Store,
     Vector,
-    VectorLet,
-    VectorStore,
-    When,
-    Write,
     inner,
     of_width,
+    walk,
 )
-from lagrange.procedure.lane_values import (
-    MemberMemory,
-    MemberStatements,
-    MemberVariable,
-    count_statements,
-    is_cheap,
-    leaves,
-)
+from lagrange.procedure.lane_values import MemberMemory, MemberStatements, MemberVariable, is_cheap, leaves
 from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
 from lagrange.procedure.visit import Visitor, visits
 
@@ -116,7 +87,7 @@ class MemberProcedures:
         for k, (ref, result) in enumerate(zip(p.call(called, args), procedure.numbers, strict=True)):
             parameters.append(Parameter(p.new(), f"result{k}", Array(REAL if result is REAL else WHOLE, self.lanes)))
             value = p.put("whole", WHOLE, ref) if result is FLAG else ref
-            p.out.append(VectorStore(parameters[-1].ref, first, p.wide(value)))
+            p.out.append(form.VectorStore(parameters[-1].ref, first, p.wide(value)))
         return replace(procedure, parameters=tuple(parameters), results=(), body=tuple(p.out), names={})
 
 
@@ -154,7 +125,7 @@ class _Rewriter(Visitor, MemberStatements):
                 self.results.append(self.declared(self.wide(zero)))
         self.block(self.procedure.body)
         if self.open and self.procedure.results:
-            self.out.append(Leave(tuple(self.got(one) for one in self.results)))
+            self.out.append(form.Leave(tuple(self.got(one) for one in self.results)))
         pairs = zip(self.procedure.numbers, self.spread.results, strict=True)
         results = tuple(of_width(kind, self.lanes if own else 1) for kind, own in pairs)
         body, about = tuple(self.out), self.procedure.about
@@ -210,18 +181,18 @@ class _Rewriter(Visitor, MemberStatements):
         """Return a new variable with its first value."""
         kind, wide = self.kinds[value], value in self.vectors
         variable = MemberVariable(self.new(kind, wide=wide), kind, self.level)
-        self.out.append(Declare(variable.ref, of_width(kind, self.lanes if wide else 1), value))
+        self.out.append(form.Declare(variable.ref, of_width(kind, self.lanes if wide else 1), value))
         return variable
 
-    @visits(Declare, Get, Set)
-    def variable(self, statement: Declare | Get | Set) -> None:
+    @visits(form.Declare, form.Get, form.Set)
+    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
         """Rewrite a variable. An assignment uses the mask if fewer members are active than at the declaration."""
         match statement:
-            case Declare(ref=ref, value=value):
+            case form.Declare(ref=ref, value=value):
                 self.variables[ref] = self.declared(self.value(value, wide=self.differs(ref)))
-            case Get(ref=ref, variable=old):
+            case form.Get(ref=ref, variable=old):
                 self.values[ref] = self.got(self.variables[old])
-            case Set(variable=old, value=value):
+            case form.Set(variable=old, value=value):
                 variable, wide = self.variables[old], self.differs(old)
                 new = self.value(value, wide=wide)
                 if wide and variable.level != self.level:
@@ -242,13 +213,13 @@ class _Rewriter(Visitor, MemberStatements):
         made, self.out = tuple(self.out), outside
         return made
 
-    @visits(Note)
-    def note(self, note: Note) -> None:
+    @visits(form.Note)
+    def note(self, note: form.Note) -> None:
         """Copy a comment to the new procedure."""
         self.out.append(note)
 
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    @visits(form.Let)
+    def let(self, let: form.Let) -> None:
         """Rewrite an operation."""
         if let.op == CONSTANT:
             self.values[let.ref] = self.constant(let.kind, let.data if let.data is not None else 0.0)
@@ -260,14 +231,14 @@ class _Rewriter(Visitor, MemberStatements):
             args[1] = self.put("select", WHOLE, is_zero, self.constant(WHOLE, 1), args[1])
         self.values[let.ref] = self.put(let.op, let.kind, *args, wide=wide)
 
-    @visits(SineCosine)
-    def angle(self, pair: SineCosine) -> None:
+    @visits(form.SineCosine)
+    def angle(self, pair: form.SineCosine) -> None:
         """Rewrite a sine and a cosine of the same angle."""
         wide = self.differs(pair.sine)
         angle = self.value(pair.angle, wide=wide)
         sine, cosine = (self.new(REAL, wide=wide) for _ in range(2))
         self.values[pair.sine], self.values[pair.cosine] = sine, cosine
-        self.out.append(SineCosine(sine, cosine, angle))
+        self.out.append(form.SineCosine(sine, cosine, angle))
 
     # --- memory
 
@@ -287,7 +258,7 @@ class _Rewriter(Visitor, MemberStatements):
             return self.wide(found)
         lanes = [self.constant(WHOLE, k) for k in range(self.lanes)]
         numbers = self.new(WHOLE, wide=True)
-        self.out.append(VectorLet(numbers, self.vector(WHOLE), "permute", tuple(lanes), tuple(range(self.lanes))))
+        self.out.append(form.VectorLet(numbers, self.vector(WHOLE), "permute", tuple(lanes), tuple(range(self.lanes))))
         first = self.put("mul", WHOLE, self.wide(found), self.constant(WHOLE, self.lanes))
         return self.put("add", WHOLE, first, numbers)
 
@@ -295,74 +266,74 @@ class _Rewriter(Visitor, MemberStatements):
         """Return True if members may access an array at different indices. `place` is the old index."""
         return self.memory[array].apart is not None or self.differs(place)
 
-    @visits(Load)
-    def load(self, load: Load) -> None:
+    @visits(form.Load)
+    def load(self, load: form.Load) -> None:
         """Rewrite the read of an array."""
         held, place = self.memory[load.array], self.values[load.place]
         if self.is_anywhere(load.array, load.place):
             ref, indices = self.new(load.kind, wide=True), self.indices(held, place)
-            self.out.append(Gather(ref, self.vector(load.kind), held.ref, indices, self.mask))
+            self.out.append(form.Gather(ref, self.vector(load.kind), held.ref, indices, self.mask))
         elif held.own:
             ref = self.loaded(held.ref, self.index(held, place), load.kind)
         else:
             ref = self.new(load.kind)
-            self.out.append(Load(ref, load.kind, held.ref, place))
+            self.out.append(form.Load(ref, load.kind, held.ref, place))
         self.values[load.ref] = self.wide(ref) if self.differs(load.ref) else ref
 
-    @visits(Store)
-    def store(self, store: Store) -> None:
+    @visits(form.Store)
+    def store(self, store: form.Store) -> None:
         """Rewrite the write of an array."""
         held, place, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
         if self.is_anywhere(store.array, store.place):
-            self.out.append(Scatter(held.ref, self.indices(held, place), value, self.mask))
+            self.out.append(form.Scatter(held.ref, self.indices(held, place), value, self.mask))
             return
         if not held.own:
             raise LagrangeError(f"procedure {self.procedure.name}: all members write at one place.")
         mask = None if held.level == self.level else self.mask
-        self.out.append(VectorStore(held.ref, self.index(held, place), value, mask, all_there=mask is not None))
+        self.out.append(form.VectorStore(held.ref, self.index(held, place), value, mask, all_there=mask is not None))
 
-    @visits(Read, Write)
-    def field(self, statement: Read | Write) -> None:
+    @visits(form.Read, form.Write)
+    def field(self, statement: form.Read | form.Write) -> None:
         """Rewrite the read or write of a record."""
         held, record = self.memory[statement.record], self.types[statement.record]
         assert isinstance(record, Record)
         kind = record.kind(statement.field)
-        if isinstance(statement, Read):
+        if isinstance(statement, form.Read):
             ref = self.values[statement.ref] = self.new(kind, wide=held.own)
-            self.out.append(Read(ref, kind, held.ref, statement.field))
+            self.out.append(form.Read(ref, kind, held.ref, statement.field))
             return
         value = self.value(statement.value, wide=held.own)
         if held.own and held.level != self.level:
             before = self.new(kind, wide=True)
-            self.out.append(Read(before, kind, held.ref, statement.field))
+            self.out.append(form.Read(before, kind, held.ref, statement.field))
             value = self.put("select", kind, self.mask, value, before)
-        self.out.append(Write(held.ref, statement.field, value))
+        self.out.append(form.Write(held.ref, statement.field, value))
 
-    @visits(Reserve, ReserveRecord, Part)
-    def local(self, one: Reserve | ReserveRecord | Part) -> None:
+    @visits(form.Reserve, form.ReserveRecord, form.Part)
+    def local(self, one: form.Reserve | form.ReserveRecord | form.Part) -> None:
         """Rewrite the allocation of local memory, or a part of an array."""
         ref = self.new()
         match one:
-            case Reserve(array=array):
+            case form.Reserve(array=array):
                 self.types[one.ref], self.memory[one.ref] = array, MemberMemory(ref, own=True, level=self.level)
                 room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
-                self.out.append(Reserve(ref, Array(array.kind, room)))
-            case ReserveRecord(record=record):
+                self.out.append(form.Reserve(ref, Array(array.kind, room)))
+            case form.ReserveRecord(record=record):
                 self.types[one.ref], self.memory[one.ref] = record, MemberMemory(ref, own=True, level=self.level)
-                self.out.append(ReserveRecord(ref, replace(record, lanes=self.lanes)))
-            case Part(array=array, start=start):
+                self.out.append(form.ReserveRecord(ref, replace(record, lanes=self.lanes)))
+            case form.Part(array=array, start=start):
                 self.types[one.ref], held, place = self.types[array], self.memory[array], self.values[start]
                 if self.is_anywhere(array, start):
                     apart = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
                     self.memory[one.ref] = replace(held, apart=self.wide(apart))
                 else:
                     self.memory[one.ref] = replace(held, ref=ref)
-                    self.out.append(Part(ref, held.ref, self.index(held, place)))
+                    self.out.append(form.Part(ref, held.ref, self.index(held, place)))
 
     # --- calls, and the end
 
-    @visits(Call)
-    def call_in_lanes(self, call: Call) -> None:
+    @visits(form.Call)
+    def call_in_lanes(self, call: form.Call) -> None:
         """Rewrite a call."""
         callee = call.callee
         assert isinstance(callee, Procedure)
@@ -377,8 +348,8 @@ class _Rewriter(Visitor, MemberStatements):
         results = self.call(self.program.of(callee, signature), args)
         self.values.update(zip(call.refs, results, strict=True))
 
-    @visits(Leave)
-    def leave(self, leave: Leave) -> None:
+    @visits(form.Leave)
+    def leave(self, leave: form.Leave) -> None:
         """Rewrite a return for the members in the mask. The procedure returns once all members have returned."""
         pairs = zip(leave.values, self.spread.results, strict=True)
         values = [self.value(ref, wide=own) for ref, own in pairs]
@@ -388,7 +359,7 @@ class _Rewriter(Visitor, MemberStatements):
                 for value, one in zip(values, self.results, strict=True)
             ]
         if self.level == 0:
-            self.out.append(Leave(tuple(values)))
+            self.out.append(form.Leave(tuple(values)))
             self.open = False
             return
         assert self.alive is not None
@@ -399,37 +370,37 @@ class _Rewriter(Visitor, MemberStatements):
 
     # --- branches
 
-    @visits(When, Loop, Repeat, Each)
-    def control(self, statement: When | Loop | Repeat | Each) -> None:
+    @visits(form.When, form.Loop, form.Repeat, form.Each)
+    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
         """Rewrite a branch or a loop. Members that return inside it are removed from the mask."""
         before = self.mask
         match statement:
-            case When() if not self.differs(statement.condition):
+            case form.When() if not self.differs(statement.condition):
                 self.common_branch(statement)
-            case When() if is_cheap(statement):
+            case form.When() if is_cheap(statement):
                 self.chosen_branch(statement)
-            case When():
+            case form.When():
                 self.masked_branch(statement)
-            case Loop():
+            case form.Loop():
                 self.loop(statement)
-            case Repeat():
+            case form.Repeat():
                 self.repeat(statement)
-            case Each():
+            case form.Each():
                 self.each(statement)
-        self.open = self.open or not isinstance(statement, When)
+        self.open = self.open or not isinstance(statement, form.When)
         if self.open:
             self.mask = self.present(before, statement)
 
-    def common_branch(self, when: When) -> None:
+    def common_branch(self, when: form.When) -> None:
         """Rewrite a branch on a condition that is the same for all members."""
         mask = self.mask
         then, goes_on = self.inside(when.then, mask), self.open
         self.open = True
         otherwise = self.inside(when.otherwise, mask)
         self.open = self.open or goes_on
-        self.out.append(When(self.values[when.condition], then, otherwise, when.likely))
+        self.out.append(form.When(self.values[when.condition], then, otherwise, when.likely))
 
-    def chosen_branch(self, when: When) -> None:
+    def chosen_branch(self, when: form.When) -> None:
         """Rewrite a branch by selection: both branches are computed, and each member selects its values."""
         mask, condition = self.mask, self.value(when.condition, wide=True)
         self.level += 1
@@ -439,7 +410,7 @@ class _Rewriter(Visitor, MemberStatements):
                 self.block(body)
         self.level -= 1
 
-    def masked_branch(self, when: When) -> None:
+    def masked_branch(self, when: form.When) -> None:
         """Rewrite a branch that only some members may take. A branch that no member takes is skipped."""
         mask, condition = self.mask, self.value(when.condition, wide=True)
         sides = [(self.both(mask, condition), when.then, when.likely)]
@@ -449,19 +420,19 @@ class _Rewriter(Visitor, MemberStatements):
         self.level += 1
         for taken, body, likely in sides:
             some = self.some(taken)
-            self.out.append(When(some, self.inside(body, taken), likely=likely))
+            self.out.append(form.When(some, self.inside(body, taken), likely=likely))
         self.level -= 1
 
     # --- loops
 
-    def loop(self, loop: Loop) -> None:
+    def loop(self, loop: form.Loop) -> None:
         """Rewrite a loop over an index. It runs until it has ended for all members."""
         own = self.differs(loop.start) or self.differs(loop.stop)
         before = self.mask
         start, stop = self.value(loop.start, wide=self.differs(loop.place)), self.values[loop.stop]
         if not own and self.present(before, loop) == before:
             place = self.values[loop.place] = self.new(WHOLE)
-            self.out.append(Loop(place, start, stop, loop.step, self.inside(loop.body, before)))
+            self.out.append(form.Loop(place, start, stop, loop.step, self.inside(loop.body, before)))
             return
         index = self.declared(start)
 
@@ -476,7 +447,7 @@ class _Rewriter(Visitor, MemberStatements):
 
         self.repeated(loop, goes_on, body, own=own)
 
-    def repeat(self, repeat: Repeat) -> None:
+    def repeat(self, repeat: form.Repeat) -> None:
         """Rewrite a loop under a condition. It runs until the condition is false for all members."""
 
         def goes_on() -> int:
@@ -485,9 +456,7 @@ class _Rewriter(Visitor, MemberStatements):
 
         self.repeated(repeat, goes_on, lambda: self.block(repeat.body), own=self.differs(repeat.condition))
 
-    def repeated(
-        self, loop: Loop | Repeat | Each, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool
-    ) -> None:
+    def repeated(self, loop: Statement, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool) -> None:
         """Add a loop. `goes_on` adds the statements of its condition, and `body` those of its iterations.
 
         `own` is true if members may end the loop at different iterations.
@@ -507,14 +476,14 @@ class _Rewriter(Visitor, MemberStatements):
         test, self.out = tuple(self.out), []
         self.mask = self.present(before, loop) if inside is None else self.got(inside)
         body()
-        repeat = Repeat(test, condition, tuple(self.out))
+        repeat = form.Repeat(test, condition, tuple(self.out))
         self.level -= own
         self.out = outside
         self.out.append(repeat)
 
     # --- iterations
 
-    def each(self, each: Each) -> None:
+    def each(self, each: form.Each) -> None:
         """Rewrite an `each` as a loop of single iterations, because the lanes hold members instead of iterations."""
         own, iterations = self.differs(each.iterations), self.values[each.iterations]
         known = self.constants.get(iterations)
@@ -523,7 +492,7 @@ class _Rewriter(Visitor, MemberStatements):
             first = self.constant(REAL, fold.first)
             first = self.wide(first) if self.differs(fold.ref) else first
             sums.append([first] * (PARTIAL if fold.op in SUMS else 1))
-        size = count_statements(each.body) + len(each.folds)
+        size = len([*walk(each.body), *each.folds])
         if known is not None and (each.unrolled or known * size <= UNROLLED):
             for k in range(int(known)):
                 self.values[each.place] = self.constant(WHOLE, k)
@@ -534,7 +503,7 @@ class _Rewriter(Visitor, MemberStatements):
         for fold, found in zip(each.folds, sums, strict=True):
             self.values[fold.ref] = self.total(found, iterations)
 
-    def looped(self, each: Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
+    def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
         """Rewrite the iterations as a loop from initial values `sums`; return the partial results of each reduction."""
         partial = [[self.declared(one) for one in found] for found in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
@@ -564,13 +533,13 @@ class _Rewriter(Visitor, MemberStatements):
             outside, self.out = self.out, []
             place = self.new(WHOLE)
             iteration(place)
-            loop = Loop(place, start, stop, 1, tuple(self.out))
+            loop = form.Loop(place, start, stop, 1, tuple(self.out))
             self.out = outside
             self.out.append(loop)
         self.mask = before
         return [[self.got(variable) for variable in variables] for variables in partial]
 
-    def collected(self, fold: Fold, found: Sequence[int]) -> list[int]:
+    def collected(self, fold: form.Fold, found: Sequence[int]) -> list[int]:
         """Return the partial results after one more value: the first one, with the value added, moves to the end."""
         before, value = found[0], self.values[fold.value]
         if fold.factor is not None:

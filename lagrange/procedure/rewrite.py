@@ -10,36 +10,18 @@ from dataclasses import replace
 from itertools import count
 
 from lagrange.errors import LagrangeError
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     CONSTANT,
     REAL,
     VECTOR_STATEMENTS,
     WHOLE,
     Block,
-    Call,
     Callee,
-    Declare,
-    Gather,
-    Get,
     Kind,
-    Let,
-    Load,
-    Part,
     Procedure,
-    Read,
-    Reduce,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
     Statement,
-    Store,
     Vector,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-    When,
     rebuilt,
     walk,
 )
@@ -92,11 +74,11 @@ class _Binder:
         return tuple(self._statement(one, given) for one in block)
 
     def _statement(self, statement: Statement, given: Mapping[int, Procedure]) -> Statement:
-        if isinstance(statement, Call):
+        if isinstance(statement, form.Call):
             return self._call(statement, given)
         return rebuilt(statement, lambda block: self._block(block, given))
 
-    def _call(self, call: Call, given: Mapping[int, Procedure]) -> Call:
+    def _call(self, call: form.Call, given: Mapping[int, Procedure]) -> form.Call:
         if not isinstance(call.callee, Procedure):
             return call._replace(callee=given.get(call.callee, call.callee))
         pairs = tuple(zip(call.callee.parameters, call.args, strict=True))
@@ -104,10 +86,6 @@ class _Binder:
         made = self.bound(call.callee, functions)
         args = tuple(arg for arg, keep in zip(call.args, self.kept[made], strict=True) if keep)
         return call._replace(callee=made, args=args)
-
-
-MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part, Reserve, ReserveRecord, Get)
-"""Statements that define a value or memory and have no other effects."""
 
 
 class Pruner:
@@ -150,26 +128,28 @@ class _Pass:
     def statement(self, statement: Statement) -> Statement:
         """Return a statement with pruned blocks and callees, and record the ids of its operands as needed."""
         self.needed.update(operands(statement))
-        if isinstance(statement, Call) and isinstance(statement.callee, Procedure):
+        if isinstance(statement, form.Call) and isinstance(statement.callee, Procedure):
             return statement._replace(callee=self.pruner.pruned(statement.callee))
         return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
         """Return True if a statement has no effect on results."""
         match statement:
-            case Declare(ref=ref):
+            case form.Declare(ref=ref):
                 return ref not in self.got
-            case Set(variable=variable):
+            case form.Set(variable=variable):
                 return variable not in self.got
-            case When(then=(), otherwise=()):
+            case form.When(then=(), otherwise=()):
                 return True
-            case _:
-                return isinstance(statement, MADE) and self.needed.isdisjoint(defined(statement))
+            case form.Loop() | form.Each() | form.Call():
+                return False
+        refs = defined(statement)
+        return bool(refs) and self.needed.isdisjoint(refs)
 
 
 def _variables_read(block: Block) -> frozenset[int]:
     """Return the ids of the variables that the statements of a block read."""
-    return frozenset(one.variable for one in walk(block) if isinstance(one, Get))
+    return frozenset(one.variable for one in walk(block) if isinstance(one, form.Get))
 
 
 def unpacked(procedure: Procedure) -> Procedure:
@@ -181,7 +161,7 @@ def unpacked(procedure: Procedure) -> Procedure:
     if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
         return procedure
     refs = [parameter.ref for parameter in procedure.parameters]
-    refs += [ref for one in statements for ref in (*defined(one), *((one.ref,) if isinstance(one, Declare) else ()))]
+    refs += [ref for one in statements for ref in ((one.ref,) if isinstance(one, form.Declare) else defined(one))]
     return replace(procedure, body=_Unpacker(max(refs) + 1).block(procedure.body))
 
 
@@ -201,37 +181,37 @@ class _Unpacker:
         for statement in block:
             statement = renamed(statement, self.same)
             match statement:
-                case SineCosine(angle=angle) if angle in self.entries:
-                    pairs = [SineCosine(next(self.unused), next(self.unused), one) for one in self.entries[angle]]
+                case form.SineCosine(angle=angle) if angle in self.entries:
+                    pairs = [form.SineCosine(next(self.unused), next(self.unused), one) for one in self.entries[angle]]
                     self.out += pairs
                     self.entries[statement.sine] = tuple(pair.sine for pair in pairs)
                     self.entries[statement.cosine] = tuple(pair.cosine for pair in pairs)
-                case Declare(ref=ref, kind=Vector(kind=kind)):
+                case form.Declare(ref=ref, kind=Vector(kind=kind)):
                     first, self.entries[ref] = self.entries[statement.value], self.numbers(statement.kind)
-                    self.out += [Declare(one, kind, x) for one, x in zip(self.entries[ref], first, strict=True)]
-                case Get(ref=ref, kind=Vector(kind=kind)):
+                    self.out += [form.Declare(one, kind, x) for one, x in zip(self.entries[ref], first, strict=True)]
+                case form.Get(ref=ref, kind=Vector(kind=kind)):
                     self.entries[ref] = self.numbers(statement.kind)
                     pairs_of = zip(self.entries[ref], self.entries[statement.variable], strict=True)
-                    self.out += [Get(one, kind, variable) for one, variable in pairs_of]
-                case Set(variable=variable, value=value) if value in self.entries:
+                    self.out += [form.Get(one, kind, variable) for one, variable in pairs_of]
+                case form.Set(variable=variable, value=value) if value in self.entries:
                     pairs_of = zip(self.entries[variable], self.entries[value], strict=True)
-                    self.out += [Set(one, x) for one, x in pairs_of]
-                case VectorLet():
+                    self.out += [form.Set(one, x) for one, x in pairs_of]
+                case form.VectorLet():
                     self.entries[statement.ref] = self.vector(statement)
-                case Reduce(op="entry"):
+                case form.Reduce(op="entry"):
                     self.same[statement.ref] = self.entries[statement.vector][statement.place]
-                case Reduce():
+                case form.Reduce():
                     self.reduce(statement)
-                case VectorLoad(vector=vector, place=place, mask=mask):
+                case form.VectorLoad(vector=vector, place=place, mask=mask):
                     places = self.side_by_side(place, vector.width)
                     flags = None if mask is None else self.entries[mask]
                     self.entries[statement.ref] = self.loaded(statement, places, flags)
-                case Gather(places=wanted, mask=mask):
+                case form.Gather(places=wanted, mask=mask):
                     flags = None if mask is None else self.entries[mask]
                     self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], flags)
-                case VectorStore(place=place, value=value):
+                case form.VectorStore(place=place, value=value):
                     self.store(statement, self.side_by_side(place, len(self.entries[value])))
-                case Scatter(places=wanted):
+                case form.Scatter(places=wanted):
                     self.store(statement, self.entries[wanted])
                 case _:
                     self.out.append(rebuilt(statement, self.block))
@@ -241,14 +221,14 @@ class _Unpacker:
     def let(self, kind: Kind, op: str, args: tuple[int, ...], data: float | None = None) -> int:
         """Add an operation, and return the id of its result. `data` is the value of a constant."""
         ref = next(self.unused)
-        self.out.append(Let(ref, kind, op, args, data))
+        self.out.append(form.Let(ref, kind, op, args, data))
         return ref
 
     def numbers(self, vector: Kind | Vector) -> tuple[int, ...]:
         """Return new ids for the entries of a vector, or one id for a single value."""
         return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
 
-    def vector(self, let: VectorLet) -> tuple[int, ...]:
+    def vector(self, let: form.VectorLet) -> tuple[int, ...]:
         """Add an operation for each entry of a vector, and return the ids of the results."""
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
         if let.op == "permute":
@@ -256,14 +236,14 @@ class _Unpacker:
             return tuple(entries[place] for place in let.places)
         return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
 
-    def reduce(self, reduce: Reduce) -> None:
+    def reduce(self, reduce: form.Reduce) -> None:
         """Add the operations of a sum over a vector, or of the test whether any of its flags is true."""
         op, left = "or" if reduce.op == "any" else "add", list(self.entries[reduce.vector])
         while len(left) > 1:
             half = len(left) // 2
             refs = [reduce.ref] if half == 1 else [next(self.unused) for _ in range(half)]
             pairs = zip(refs, left[:half], left[half:], strict=True)
-            self.out += [Let(ref, reduce.kind, op, (a, b)) for ref, a, b in pairs]
+            self.out += [form.Let(ref, reduce.kind, op, (a, b)) for ref, a, b in pairs]
             left = refs
 
     def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
@@ -272,7 +252,7 @@ class _Unpacker:
         return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
 
     def loaded(
-        self, load: VectorLoad | Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
+        self, load: form.VectorLoad | form.Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
     ) -> tuple[int, ...]:
         """Add the reads of an array at the indices `places`, and return the ids of the results.
 
@@ -282,18 +262,18 @@ class _Unpacker:
         for k, place in enumerate(places):
             ref = next(self.unused)
             refs.append(ref)
-            read = Load(ref, kind, load.array, place)
+            read = form.Load(ref, kind, load.array, place)
             if flags is None:
                 self.out.append(read)
                 continue
             variable, inside = next(self.unused), next(self.unused)
             zero = self.let(kind, CONSTANT, (), 0.0 if kind is REAL else 0)
-            then = (read._replace(ref=inside), Set(variable, inside))
-            self.out += [Declare(variable, kind, zero), When(flags[k], then), Get(ref, kind, variable)]
+            then = (read._replace(ref=inside), form.Set(variable, inside))
+            self.out += [form.Declare(variable, kind, zero), form.When(flags[k], then), form.Get(ref, kind, variable)]
         return tuple(refs)
 
-    def store(self, store: VectorStore | Scatter, places: tuple[int, ...]) -> None:
+    def store(self, store: form.VectorStore | form.Scatter, places: tuple[int, ...]) -> None:
         """Add the writes of a vector's entries to an array at the indices `places`, under the mask of the statement."""
         for k, (place, value) in enumerate(zip(places, self.entries[store.value], strict=True)):
-            written = Store(store.array, place, value)
-            self.out.append(written if store.mask is None else When(self.entries[store.mask][k], (written,)))
+            written = form.Store(store.array, place, value)
+            self.out.append(written if store.mask is None else form.When(self.entries[store.mask][k], (written,)))

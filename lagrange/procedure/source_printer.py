@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     CONSTANT,
     PARTIAL,
@@ -19,31 +20,11 @@ from lagrange.procedure.form import (
     WHOLE,
     Array,
     Block,
-    Call,
     Callee,
-    Declare,
-    Each,
-    Fold,
-    Get,
     Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
     Parameter,
-    Part,
     Procedure,
-    Read,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Set,
-    SineCosine,
-    Store,
     Type,
-    When,
-    Write,
 )
 from lagrange.procedure.rewrite import unpacked
 from lagrange.procedure.spelling import ATOM, Syntax
@@ -175,62 +156,62 @@ class SourcePrinter(Visitor, Syntax):
         self.block(block)
         self.depth -= 1
 
-    @visits(SineCosine)
-    def pair(self, pair: SineCosine) -> None:
+    @visits(form.SineCosine)
+    def pair(self, pair: form.SineCosine) -> None:
         """Print a sine and a cosine."""
-        self.let(Let(pair.sine, REAL, "sin", (pair.angle,)))
-        self.let(Let(pair.cosine, REAL, "cos", (pair.angle,)))
+        self.let(form.Let(pair.sine, REAL, "sin", (pair.angle,)))
+        self.let(form.Let(pair.cosine, REAL, "cos", (pair.angle,)))
 
-    @visits(Reserve, ReserveRecord)
-    def local_memory(self, one: Reserve | ReserveRecord) -> None:
+    @visits(form.Reserve, form.ReserveRecord)
+    def local_memory(self, one: form.Reserve | form.ReserveRecord) -> None:
         """Print the declaration of a local array or record."""
         self.settle()
-        if isinstance(one, Reserve):
+        if isinstance(one, form.Reserve):
             self.types[one.ref] = one.array
             self.reserve(one.ref, one.array)
         else:
             self.types[one.ref] = one.record
             self.reserve_record(one.ref, one.record)
 
-    @visits(Part)
-    def part_of(self, part: Part) -> None:
+    @visits(form.Part)
+    def part_of(self, part: form.Part) -> None:
         """Print the definition of a part of an array."""
         held = self.array(part.array)
         self.types[part.ref] = Array(held.kind, None, held.read, held.room)
         self.part(part)
 
-    @visits(Declare, Get, Set)
-    def variable(self, statement: Declare | Get | Set) -> None:
+    @visits(form.Declare, form.Get, form.Set)
+    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
         """Print the declaration, reading or assignment of a variable."""
         match statement:
-            case Declare(ref=ref, kind=Kind() as kind, value=value):
+            case form.Declare(ref=ref, kind=Kind() as kind, value=value):
                 self.types[ref] = kind
                 text = self.text(value)
                 self.settle()
                 self.put(self.declare(self.name(ref), kind, text))
-            case Get(ref=ref, kind=Kind() as kind, variable=variable):
+            case form.Get(ref=ref, kind=Kind() as kind, variable=variable):
                 self.made(ref, kind, ATOM, self.text(variable))
-            case Set(variable=variable, value=value):
+            case form.Set(variable=variable, value=value):
                 self.write(self.assign(self.text(variable), self.text(value)))
 
-    @visits(Call)
-    def called(self, call: Call) -> None:
+    @visits(form.Call)
+    def called(self, call: form.Call) -> None:
         """Print a call of a procedure."""
         self.call(call)
 
-    @visits(Leave)
-    def left(self, leave: Leave) -> None:
+    @visits(form.Leave)
+    def left(self, leave: form.Leave) -> None:
         """Print the return from the procedure."""
         self.leave(leave.values)
 
-    @visits(Note)
-    def note(self, note: Note) -> None:
+    @visits(form.Note)
+    def note(self, note: form.Note) -> None:
         """Print a comment."""
         self.settle()
         self.put(self.comment(note.text))
 
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    @visits(form.Let)
+    def let(self, let: form.Let) -> None:
         """Print an operation, or keep its text until its use."""
         if let.op == CONSTANT:
             self.constants[let.ref] = let.data
@@ -239,7 +220,7 @@ class SourcePrinter(Visitor, Syntax):
             return
         self.made(let.ref, let.kind, *self.operation(let))
 
-    def operation(self, let: Let) -> tuple[int, str]:
+    def operation(self, let: form.Let) -> tuple[int, str]:
         """Return the text of an operation and its binding strength."""
         operator = self.operators.get(let.op)
         if operator is None:
@@ -259,35 +240,35 @@ class SourcePrinter(Visitor, Syntax):
         elif ref in self.uses:
             self.put(self.define(self.name(ref), kind, text))
 
-    @visits(Load, Store, Read, Write)
-    def memory(self, statement: Load | Store | Read | Write) -> None:
+    @visits(form.Load, form.Store, form.Read, form.Write)
+    def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
         """Print the read or write of an array or record."""
         match statement:
-            case Load(ref=ref, kind=kind, array=array, place=index):
+            case form.Load(ref=ref, kind=kind, array=array, place=index):
                 self.made(ref, kind, ATOM, self.element(array, index))
-            case Store(array=array, place=index, value=value):
+            case form.Store(array=array, place=index, value=value):
                 self.write(self.assign(self.element(array, index), self.text(value)))
-            case Read(ref=ref, kind=kind, record=record, field=field):
+            case form.Read(ref=ref, kind=kind, record=record, field=field):
                 self.made(ref, kind, ATOM, self.member(record, field))
-            case Write(record=record, field=field, value=value):
+            case form.Write(record=record, field=field, value=value):
                 self.write(self.assign(self.member(record, field), self.text(value)))
 
-    @visits(When, Loop, Repeat, Each)
-    def control(self, statement: When | Loop | Repeat | Each) -> None:
+    @visits(form.When, form.Loop, form.Repeat, form.Each)
+    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
         """Print a branch or a loop."""
         match statement:
-            case When(condition=condition, then=then, otherwise=otherwise):
+            case form.When(condition=condition, then=then, otherwise=otherwise):
                 self.write(self.opening("if", self.text(condition)))
                 self.inside(then)
                 if otherwise:
                     self.put(self.opening("else"))
                     self.inside(otherwise)
                 self.put(self.closing("if"))
-            case Loop(place=index, start=start, stop=stop, step=step, body=body):
+            case form.Loop(place=index, start=start, stop=stop, step=step, body=body):
                 self.iterations(index, (self.text(start), self.text(stop, self.end_binds), str(step)), body, ())
-            case Repeat(test=test, condition=condition, body=body):
+            case form.Repeat(test=test, condition=condition, body=body):
                 self.repeat(test, condition, body)
-            case Each():
+            case form.Each():
                 self.each(statement)
 
     def repeat(self, test: Block, condition: int, body: Block) -> None:
@@ -302,7 +283,7 @@ class SourcePrinter(Visitor, Syntax):
             self.statement(statement)
         lines = len(self.lines) > before
         if lines:
-            _, text = self.operation(Let(-1, Kind.FLAG, "not", (condition,)))
+            _, text = self.operation(form.Let(-1, Kind.FLAG, "not", (condition,)))
             self.write(self.opening("if", text))
             self.depth += 1
             self.put(self.leaving_loop())
@@ -314,7 +295,7 @@ class SourcePrinter(Visitor, Syntax):
         self.inside(body)
         self.put(self.closing("while"))
 
-    def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[Fold]) -> None:
+    def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[form.Fold]) -> None:
         """Print a loop over an index, with the reductions `folds`.
 
         `places` are the first index, the bound, and the step.
@@ -330,7 +311,7 @@ class SourcePrinter(Visitor, Syntax):
         self.loops -= 1
         self.put(self.closing("for"))
 
-    def each(self, each: Each) -> None:
+    def each(self, each: form.Each) -> None:
         """Print an `each` as a loop over its iterations. A sum has four partial sums in an array."""
         count = self.text(each.iterations, self.end_binds)
         for fold in each.folds:
@@ -341,7 +322,7 @@ class SourcePrinter(Visitor, Syntax):
             self.types[fold.ref] = REAL
             self.end_fold(fold)
 
-    def begin_fold(self, fold: Fold) -> None:
+    def begin_fold(self, fold: form.Fold) -> None:
         """Print the initial values of the variables of a reduction."""
         self.types[fold.ref] = REAL
         if fold.op in SUMS:
@@ -350,7 +331,7 @@ class SourcePrinter(Visitor, Syntax):
             start = self.literals.real(0.0 if fold.op == "magnitude" else float("-inf"))
             self.put(self.declare(self.name(fold.ref), REAL, start))
 
-    def end_fold(self, fold: Fold) -> None:
+    def end_fold(self, fold: form.Fold) -> None:
         """Print the definition of the result of a sum from its partial sums. Other reductions need no statement."""
         if fold.op in SUMS:
             held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
@@ -363,7 +344,7 @@ class SourcePrinter(Visitor, Syntax):
         for k in range(PARTIAL):
             self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))
 
-    def folded(self, fold: Fold, index: int) -> tuple[str, str]:
+    def folded(self, fold: form.Fold, index: int) -> tuple[str, str]:
         """Return target and text of the assignment that adds one more value to a reduction.
 
         `index` is the id of the loop index.
@@ -383,7 +364,7 @@ class SourcePrinter(Visitor, Syntax):
         return name, f"{self.function_of(fold.op)}({name}, {value})"
 
 
-def results_of(printer: SourcePrinter, call: Call) -> tuple[Kind, ...]:
+def results_of(printer: SourcePrinter, call: form.Call) -> tuple[Kind, ...]:
     """Return the kinds of the results of a call."""
     if isinstance(call.callee, Procedure):
         return call.callee.numbers

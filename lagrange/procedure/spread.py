@@ -7,38 +7,14 @@ all members.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Container
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.form import (
-    Array,
-    Block,
-    Call,
-    Declare,
-    Each,
-    Get,
-    Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
-    Procedure,
-    Read,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Set,
-    SineCosine,
-    Store,
-    When,
-    Write,
-    inner,
-)
-from lagrange.procedure.visit import Visitor, defined, operands, visits
+from lagrange.procedure import form
+from lagrange.procedure.form import Array, Block, Kind, Procedure, Statement, inner
+from lagrange.procedure.visit import defined, operands
 
 
 class Share(NamedTuple):
@@ -56,7 +32,7 @@ COMMON, OWN = Share(own=False), Share(own=True)
 Signature = tuple[Share, ...]
 
 
-def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
+def signature_of(call: form.Call, own: Container[int], apart: Container[int]) -> Signature:
     """Return the `Share` of each argument of a call.
 
     `own` has the ids of values that differ between members, `apart` the ids of arrays whose parts begin at different
@@ -83,11 +59,11 @@ class Spread:
     results: tuple[bool, ...]
 
 
-@dataclass
 class Spreads:
     """Cache of the analyses of procedures, by procedure and signature."""
 
-    known: dict[tuple[Procedure, Signature], Spread] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.known: dict[tuple[Procedure, Signature], Spread] = {}
 
     def of(self, procedure: Procedure, signature: Signature) -> Spread:
         """Return the analysis of a procedure for a signature, which says which arguments differ between members."""
@@ -97,7 +73,7 @@ class Spreads:
         return self.known[key]
 
 
-class _SpreadSearch(Visitor):
+class _SpreadSearch:
     """Fixed-point iteration over a procedure: passes are repeated until no further value differs.
 
     One pass is not enough, because variables carry values to the next iteration of a loop.
@@ -105,114 +81,78 @@ class _SpreadSearch(Visitor):
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
         self.spreads, self.procedure = spreads, procedure
-        self.own: dict[int, None] = {}
-        self.apart: dict[int, None] = {}
-        self.written: dict[int, None] = {}
+        self.own: set[int] = set()
+        self.apart: set[int] = set()
+        self.written: set[int] = set()
         """Arrays that are written."""
-        self.parted = self.parting = False
+        self.parting = False
         self.results = [False] * len(procedure.results)
         for parameter, share in zip(procedure.parameters, signature, strict=True):
             self.mark(parameter.ref, own=share.own, apart=share.apart)
             if isinstance(parameter.type, Array) and not parameter.type.read:
-                self.written[parameter.ref] = None
+                self.written.add(parameter.ref)
 
     def spread(self) -> Spread:
         """Run passes until nothing changes, and return the result."""
         before = None
-        while before != (before := self.size()):
+        # The counts of ids and results that differ grow until the iteration ends.
+        while before != (before := (len(self.own), len(self.apart), self.parting, sum(self.results))):
             self.block(self.procedure.body, parted=False)
         results = tuple(self.parting or own for own in self.results)
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
-    def size(self) -> tuple[int, ...]:
-        """Return counts of the ids and results that differ. They grow until the iteration ends."""
-        return len(self.own), len(self.apart), self.parting, sum(self.results)
-
     def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
         """Record that a value differs between members (`own`), or that array parts begin at different indices."""
         if own:
-            self.own[ref] = None
+            self.own.add(ref)
         if apart:
-            self.apart[ref] = None
-
-    def differs(self, refs: Iterable[int]) -> bool:
-        """Return True if the value of one of the ids differs between members."""
-        return any(ref in self.own for ref in refs)
+            self.apart.add(ref)
 
     def block(self, block: Block, *, parted: bool) -> None:
         """Visit the statements of a block. `parted` is true if only some of the members reach them."""
-        before, self.parted = self.parted, parted
         for statement in block:
-            self.statement(statement)
-        self.parted = before
+            self.statement(statement, parted=parted)
 
-    @visits(Note, Store, Write)
-    def defines_nothing(self, statement: Note | Store | Write) -> None:
-        """Visit a statement without results: there is nothing to record."""
-
-    @visits(Let, SineCosine, Read)
-    def operation(self, statement: Let | SineCosine | Read) -> None:
-        """Record the results of an operation, which differ between members if an operand does."""
-        for ref in defined(statement):
-            self.mark(ref, own=self.differs(operands(statement)))
-
-    @visits(Load)
-    def load(self, load: Load) -> None:
-        """Record whether an element of an array differs between members."""
-        array = load.array
-        common = array not in self.own and array not in self.apart and array not in self.written
-        self.mark(load.ref, own=not common or load.place in self.own)
-
-    @visits(Reserve, ReserveRecord)
-    def local(self, one: Reserve | ReserveRecord) -> None:
-        """Record whether a local array or record differs between members."""
-        self.mark(one.ref, own=True)
-
-    @visits(Part)
-    def part(self, part: Part) -> None:
-        """Record whether a part of an array differs between members."""
-        self.mark(part.ref, own=part.array in self.own, apart=part.array in self.apart or part.start in self.own)
-        if part.array in self.written:
-            self.written[part.ref] = None
-
-    @visits(Declare, Get, Set)
-    def variable(self, statement: Declare | Get | Set) -> None:
-        """Record whether a variable, or the value read from it or assigned to it, differs between members."""
+    def statement(self, statement: Statement, *, parted: bool) -> None:
+        """Record which ids that a statement defines differ between members."""
         match statement:
-            case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
+            case form.Load(ref=ref, array=array, place=place):
+                common = self.own.isdisjoint((array, place)) and array not in self.apart and array not in self.written
+                self.mark(ref, own=not common)
+            case form.Reserve(ref=ref) | form.ReserveRecord(ref=ref):
+                self.mark(ref, own=True)
+            case form.Part(ref=ref, array=array, start=start):
+                self.mark(ref, own=array in self.own, apart=array in self.apart or start in self.own)
+                if array in self.written:
+                    self.written.add(ref)
+            case form.Declare(ref=ref, value=value) | form.Get(ref=ref, variable=value):
                 self.mark(ref, own=value in self.own)
-            case Set(variable=variable, value=value):
-                self.mark(variable, own=self.parted or value in self.own)
-
-    @visits(Leave)
-    def leave(self, leave: Leave) -> None:
-        """Record which results of the procedure differ between members."""
-        self.parting |= self.parted
-        self.results = [own or ref in self.own for own, ref in zip(self.results, leave.values, strict=True)]
-
-    @visits(When, Loop, Repeat, Each)
-    def control(self, statement: When | Loop | Repeat | Each) -> None:
-        """Visit the blocks of a branch or a loop."""
-        parted = self.parted
-        match statement:
-            case When(condition=condition) | Repeat(condition=condition):
+            case form.Set(variable=variable, value=value):
+                self.mark(variable, own=parted or value in self.own)
+            case form.Leave(values=values):
+                self.parting |= parted
+                self.results = [own or ref in self.own for own, ref in zip(self.results, values, strict=True)]
+            case form.When(condition=condition) | form.Repeat(condition=condition):
                 for body in inner(statement):
                     self.block(body, parted=parted or condition in self.own)
-            case Loop(place=place, start=start, stop=stop, body=body):
+            case form.Loop(place=place, start=start, stop=stop, body=body):
                 self.mark(place, own=start in self.own)
-                self.block(body, parted=parted or self.differs((start, stop)))
-            case Each(iterations=count, body=body, folds=folds):
+                self.block(body, parted=parted or not self.own.isdisjoint((start, stop)))
+            case form.Each(iterations=count, body=body, folds=folds):
                 self.block(body, parted=parted or count in self.own)
                 for fold in folds:
-                    values = (fold.value,) if fold.factor is None else (fold.value, fold.factor)
-                    self.mark(fold.ref, own=count in self.own or self.differs(values))
+                    self.mark(fold.ref, own=not self.own.isdisjoint((count, fold.value, fold.factor)))
+            case form.Call():
+                self.call(statement)
+            case _:
+                # An operation: its results differ if an operand does. Other statements define nothing.
+                for ref in defined(statement):
+                    self.mark(ref, own=not self.own.isdisjoint(operands(statement)))
 
-    @visits(Call)
-    def call(self, call: Call) -> None:
+    def call(self, call: form.Call) -> None:
         """Record which results of a call differ between members."""
-        callee = call.callee
-        if not isinstance(callee, Procedure):
+        if not isinstance(call.callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
-        found = self.spreads.of(callee, signature_of(call, self.own, self.apart))
+        found = self.spreads.of(call.callee, signature_of(call, self.own, self.apart))
         for ref, own in zip(call.refs, found.results, strict=True):
             self.mark(ref, own=own)

@@ -6,26 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.form import (
-    FLAG,
-    REAL,
-    WHOLE,
-    Array,
-    Gather,
-    Get,
-    Kind,
-    Load,
-    Part,
-    Read,
-    Record,
-    Reduce,
-    Set,
-    Store,
-    Vector,
-    VectorLoad,
-    VectorStore,
-    Write,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Record, Vector
 
 if TYPE_CHECKING:
     from lagrange.procedure.builder import Builder
@@ -196,12 +178,12 @@ class Entries:
     @property
     def sum(self) -> Any:
         """Sum of the entries. The two halves are added entry by entry, and so on, until one value is left."""
-        return self.builder.made(self.vector.kind, lambda ref: Reduce(ref, self.vector.kind, "sum", self.ref))
+        return self.builder.made(self.vector.kind, lambda ref: form.Reduce(ref, self.vector.kind, "sum", self.ref))
 
     @property
     def any(self) -> Flag:
         """Flag that is true if any entry is true."""
-        return Flag.of(self.builder.made(FLAG, lambda ref: Reduce(ref, FLAG, "any", self.ref)))
+        return Flag.of(self.builder.made(FLAG, lambda ref: form.Reduce(ref, FLAG, "any", self.ref)))
 
 
 class Variable:
@@ -214,11 +196,11 @@ class Variable:
     @property
     def value(self) -> Any:
         """The current value."""
-        return self.builder.made(self.kind, lambda ref: Get(ref, self.kind, self.ref))
+        return self.builder.made(self.kind, lambda ref: form.Get(ref, self.kind, self.ref))
 
     @value.setter
     def value(self, value: Any) -> None:
-        self.builder.add(Set(self.ref, self.builder.operand(value, self.kind)))
+        self.builder.add(form.Set(self.ref, self.builder.operand(value, self.kind)))
 
 
 class Memory:
@@ -229,11 +211,11 @@ class Memory:
 
     def __getitem__(self, index: Any) -> Any:
         place, kind = self.builder.operand(index, WHOLE), self.array.kind
-        return self.builder.made(kind, lambda ref: Load(ref, kind, self.ref, place))
+        return self.builder.made(kind, lambda ref: form.Load(ref, kind, self.ref, place))
 
     def __setitem__(self, index: Any, value: Any) -> None:
         place = self.builder.operand(index, WHOLE)
-        self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
+        self.builder.add(form.Store(self.ref, place, self.builder.operand(value, self.array.kind)))
 
     def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
         """Return `width` adjacent entries from index `place` on, as a vector.
@@ -242,19 +224,19 @@ class Memory:
         """
         vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
         held = None if mask is None else mask.ref
-        made: Entries = self.builder.made(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
+        made: Entries = self.builder.made(vector, lambda ref: form.VectorLoad(ref, vector, self.ref, start, held))
         return made
 
     def gathered(self, places: Entries) -> Entries:
         """Return the vector of the entries at the indices in the vector `places`."""
         vector = Vector(self.array.kind, places.vector.width)
-        made: Entries = self.builder.made(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
+        made: Entries = self.builder.made(vector, lambda ref: form.Gather(ref, vector, self.ref, places.ref))
         return made
 
     def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
         """Write a vector to adjacent entries from index `place` on, where the mask is true."""
         start = self.builder.operand(place, WHOLE)
-        self.builder.add(VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
+        self.builder.add(form.VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
 
     def at(self, start: Any) -> Memory:
         """Return the part of the array from index `start` on."""
@@ -271,11 +253,11 @@ class RecordFields:
 
     def __getattr__(self, name: str) -> Any:
         kind = self._checked(name)
-        return self._builder.made(kind, lambda ref: Read(ref, kind, self.ref, name))
+        return self._builder.made(kind, lambda ref: form.Read(ref, kind, self.ref, name))
 
     def __setattr__(self, name: str, value: Any) -> None:
         kind = self._checked(name)
-        self._builder.add(Write(self.ref, name, self._builder.operand(value, kind)))
+        self._builder.add(form.Write(self.ref, name, self._builder.operand(value, kind)))
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the fields."""
@@ -291,6 +273,3 @@ class RecordFields:
         if name not in record.places:
             raise LagrangeError(f"the record {record.name} has no field {name}: it has {', '.join(record.places)}.")
         return record.kind(name)
-
-
-__all__ = ["Entries", "Flag", "Memory", "Part", "Real", "RecordFields", "Value", "Variable", "Whole"]

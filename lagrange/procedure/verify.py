@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from lagrange.errors import LagrangeError
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
@@ -16,43 +17,17 @@ from lagrange.procedure.form import (
     WIDTHS,
     Array,
     Block,
-    Call,
     Callee,
-    Declare,
-    Each,
-    Fold,
-    Gather,
-    Get,
     Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
     Procedure,
-    Read,
     Record,
-    Reduce,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
-    Store,
+    Statement,
     Type,
     Vector,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-    When,
-    Write,
     result_kind,
 )
-from lagrange.procedure.visit import Visitor, visits
 
-IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
+IN_ITERATIONS = (form.Let, form.Load, form.Store, form.Part, form.Declare, form.Get, form.Set, form.Loop, form.Note)
 """Statements that an iteration of an `each` may contain. The count of its loops is the same in every iteration."""
 
 
@@ -61,11 +36,8 @@ def verify(procedure: Procedure) -> None:
     _Check(procedure).run()
 
 
-class _Check(Visitor):
-    """Walks a procedure with the types of the values defined so far.
-
-    Methods that check a statement return True if the statement ends the procedure.
-    """
+class _Check:
+    """Walks a procedure with the types of the values defined so far."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
@@ -115,11 +87,10 @@ class _Check(Visitor):
             raise self.error(f"%{ref} is not an array")
         return found
 
-    def record(self, ref: int, field: str) -> Record:
-        found = self.type(ref)
-        if not isinstance(found, Record) or field not in found.places:
-            raise self.error(f"%{ref} is not a record with the field {field}")
-        return found
+    def writable(self, ref: int) -> Array:
+        if self.array(ref).read:
+            raise self.error(f"%{ref} is only read")
+        return self.array(ref)
 
     @contextmanager
     def scope(self) -> Iterator[None]:
@@ -140,42 +111,60 @@ class _Check(Visitor):
                 raise self.error("a statement stands behind the end")
             if self.each is not None and not isinstance(statement, IN_ITERATIONS):
                 raise self.error(f"an iteration of an `each` has a {type(statement).__name__}")
-            ended = self.statement(statement) is True
+            ended = self.statement(statement)
         return ended
 
-    @visits(Note)
-    def note(self, note: Note) -> None:
-        pass
-
-    @visits(SineCosine)
-    def pair(self, pair: SineCosine) -> None:
-        angle = self.type(pair.angle)
-        if _entry_kind(angle) is not REAL:
-            raise self.error(f"%{pair.angle} is not an angle")
-        self.define(pair.sine, angle)
-        self.define(pair.cosine, angle)
-
-    @visits(Reserve, ReserveRecord, Part)
-    def local(self, one: Reserve | ReserveRecord | Part) -> None:
-        match one:
-            case Reserve(ref=ref, array=array):
-                if array.size is None:
+    def statement(self, statement: Statement) -> bool:
+        """Check a statement; return True if it ends the procedure."""
+        match statement:
+            case form.Let():
+                self.let(statement)
+            case form.Load(ref=ref, kind=kind, array=array, place=index):
+                self.place(array, index, kind)
+                self.define(ref, kind)
+            case form.Store(array=array, place=index, value=value):
+                if self.each is not None and index != self.each:
+                    raise self.error("an iteration of an `each` stores at another place than its own")
+                self.place(array, index, self.writable(array).kind)
+                self.kind(value, self.array(array).kind)
+            case form.Read() | form.Write():
+                self.field(statement)
+            case form.Declare() | form.Get() | form.Set():
+                self.variable(statement)
+            case form.SineCosine(sine=sine, cosine=cosine, angle=angle):
+                if _entry_kind(self.type(angle)) is not REAL:
+                    raise self.error(f"%{angle} is not an angle")
+                self.define(sine, self.type(angle))
+                self.define(cosine, self.type(angle))
+            case form.Reserve(ref=ref, array=memory):
+                if memory.size is None:
                     raise self.error(f"the array %{ref} of its own has no size")
-                self.define(ref, array)
-            case ReserveRecord(ref=ref, record=record):
+                self.define(ref, memory)
+            case form.ReserveRecord(ref=ref, record=record):
                 self.define(ref, record)
-            case Part(ref=ref, array=array, start=start):
-                held = self.array(array)
+            case form.Part(ref=ref, array=array, start=start):
                 self.kind(start, WHOLE)
-                self.define(ref, Array(held.kind, None, held.read, held.room))
+                whole = self.array(array)
+                self.define(ref, Array(whole.kind, None, whole.read, whole.room))
+            case form.Call():
+                self.call(statement)
+            case form.When(condition=condition, then=then, otherwise=otherwise):
+                self.kind(condition, FLAG)
+                return self.block(then) & self.block(otherwise)
+            case form.Loop() | form.Repeat() | form.Each():
+                self.loop(statement)
+            case form.Leave(values=values):
+                self.kinds(values, self.procedure.results, "the end")
+                return True
+            case form.VectorLet():
+                self.vector_let(statement)
+            case form.Reduce():
+                self.reduce(statement)
+            case form.VectorLoad() | form.Gather() | form.VectorStore() | form.Scatter():
+                self.vector_memory(statement)
+        return False
 
-    @visits(Leave)
-    def leave(self, leave: Leave) -> bool:
-        self.kinds(leave.values, self.procedure.results, "the end")
-        return True
-
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    def let(self, let: form.Let) -> None:
         if self.each is not None and any(arg == self.each or arg in self.places for arg in let.args):
             self.places.add(let.ref)
         if let.op == CONSTANT:
@@ -190,8 +179,7 @@ class _Check(Visitor):
         if let.op == CONSTANT:
             self.constants.add(let.ref)
 
-    @visits(VectorLet)
-    def vector_let(self, let: VectorLet) -> None:
+    def vector_let(self, let: form.VectorLet) -> None:
         kind, width = let.vector
         found: Kind | None = None
         types = [self.type(arg) for arg in let.args]
@@ -210,8 +198,7 @@ class _Check(Visitor):
             raise self.error(f"%{let.ref} = {let.op} gives no vector of {width} {kind}s")
         self.define(let.ref, let.vector)
 
-    @visits(Reduce)
-    def reduce(self, reduce: Reduce) -> None:
+    def reduce(self, reduce: form.Reduce) -> None:
         found = self.type(reduce.vector)
         kinds = {"any": (FLAG,), "sum": (REAL, WHOLE), "entry": (REAL, WHOLE, FLAG)}.get(reduce.op, ())
         inside = isinstance(found, Vector) and 0 <= reduce.place < found.width
@@ -219,44 +206,22 @@ class _Check(Visitor):
             raise self.error(f"%{reduce.ref} = {reduce.op} gives no {reduce.kind}")
         self.define(reduce.ref, reduce.kind)
 
-    @visits(VectorLoad, Gather, VectorStore, Scatter)
-    def vector_memory(self, one: VectorLoad | Gather | VectorStore | Scatter) -> None:
+    def vector_memory(self, one: form.VectorLoad | form.Gather | form.VectorStore | form.Scatter) -> None:
         held = self.array(one.array)
-        writes = isinstance(one, (VectorStore, Scatter))
-        vector = self.type(one.value) if isinstance(one, (VectorStore, Scatter)) else one.vector
+        vector = self.type(one.value) if isinstance(one, (form.VectorStore, form.Scatter)) else one.vector
         if not isinstance(vector, Vector) or vector.kind is not held.kind or held.kind is FLAG:
             raise self.error(f"%{one.array} holds no entries of {vector}")
-        if writes and held.read:
-            raise self.error(f"%{one.array} is only read")
-        if isinstance(one, (Gather, Scatter)):
+        if isinstance(one, (form.VectorStore, form.Scatter)):
+            self.writable(one.array)
+        if isinstance(one, (form.Gather, form.Scatter)):
             if self.type(one.places) != Vector(WHOLE, vector.width):
                 raise self.error(f"%{one.places} is not a vector of {vector.width} places")
         else:
             self.kind(one.place, WHOLE)
         if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
             raise self.error(f"%{one.mask} is not a mask of {vector.width} flags")
-        if isinstance(one, (VectorLoad, Gather)):
+        if isinstance(one, (form.VectorLoad, form.Gather)):
             self.define(one.ref, vector)
-
-    @visits(Load, Store, Read, Write)
-    def memory(self, statement: Load | Store | Read | Write) -> None:
-        match statement:
-            case Load(ref=ref, kind=kind, array=array, place=index):
-                self.place(array, index, kind)
-                self.define(ref, kind)
-            case Store(array=array, place=index, value=value):
-                if self.each is not None and index != self.each:
-                    raise self.error("an iteration of an `each` stores at another place than its own")
-                if self.array(array).read:
-                    raise self.error(f"%{array} is only read")
-                self.place(array, index, self.array(array).kind)
-                self.kind(value, self.array(array).kind)
-            case Read(ref=ref, kind=kind, record=record, field=field):
-                if self.record(record, field).kind(field) is not kind:
-                    raise self.error(f"the field {field} is not a {kind}")
-                self.define(ref, self.record(record, field).type_of(field))
-            case Write(record=record, field=field, value=value):
-                self.kind(value, self.record(record, field).type_of(field))
 
     def place(self, array: int, index: int, kind: Kind) -> None:
         self.kind(index, WHOLE)
@@ -265,30 +230,38 @@ class _Check(Visitor):
         if self.array(array).kind is not kind:
             raise self.error(f"%{array} holds no {kind}")
 
-    @visits(Declare, Get, Set)
-    def variable(self, statement: Declare | Get | Set) -> None:
+    def field(self, statement: form.Read | form.Write) -> None:
+        record, field = self.type(statement.record), statement.field
+        if not isinstance(record, Record) or field not in record.places:
+            raise self.error(f"%{statement.record} is not a record with the field {field}")
+        if isinstance(statement, form.Write):
+            self.kind(statement.value, record.type_of(field))
+            return
+        if record.kind(field) is not statement.kind:
+            raise self.error(f"the field {field} is not a {statement.kind}")
+        self.define(statement.ref, record.type_of(field))
+
+    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
         match statement:
-            case Declare(ref=ref, kind=kind, value=value):
+            case form.Declare(ref=ref, kind=kind, value=value):
                 self.kind(value, kind)
                 self.numbers.add(ref)
                 self.variables[ref] = kind
                 if self.each is not None:
                     self.own.add(ref)
-            case Get(ref=ref, kind=kind, variable=variable):
+            case form.Get(ref=ref, kind=kind, variable=variable):
                 self.held(variable, kind)
                 self.define(ref, kind)
-            case Set(variable=variable, value=value):
-                found = self.type(value)
+            case form.Set(variable=variable, value=value):
                 if self.each is not None and variable not in self.own:
                     raise self.error("an iteration of an `each` sets a variable from outside")
-                self.held(variable, found)
+                self.held(variable, self.type(value))
 
     def held(self, variable: int, kind: Type) -> None:
         if variable not in self.variables or self.variables[variable] != kind:
             raise self.error(f"%{variable} is not a variable that holds a {kind}")
 
-    @visits(Call)
-    def call(self, call: Call) -> None:
+    def call(self, call: form.Call) -> None:
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
             results = call.callee.results
@@ -310,24 +283,22 @@ class _Check(Visitor):
             if not _fits(self.type(ref), wanted):
                 raise self.error(f"{where} has %{ref} in the place of another type")
 
-    @visits(When, Loop, Repeat, Each)
-    def control(self, statement: When | Loop | Repeat | Each) -> bool:
-        match statement:
-            case When(condition=condition, then=then, otherwise=otherwise):
-                self.kind(condition, FLAG)
-                return self.block(then) & self.block(otherwise)
-            case Loop(place=index, start=start, stop=stop, step=step, body=body):
+    def loop(self, loop: form.Loop | form.Repeat | form.Each) -> None:
+        match loop:
+            case form.Loop(place=index, start=start, stop=stop, step=step, body=body):
                 self.kinds((start, stop), (WHOLE, WHOLE), "a loop")
                 if step <= 0:
                     raise self.error("a loop has a step that is not above zero")
-                self.iterations(index, body)
-            case Repeat(test=test, condition=condition, body=body):
+                with self.scope():
+                    self.define(index, WHOLE)
+                    self.statements(body)
+            case form.Repeat(test=test, condition=condition, body=body):
                 with self.scope():
                     if self.statements(test):
                         raise self.error("the test of a loop ends the procedure")
                     self.kind(condition, FLAG)
                 self.block(body)
-            case Each(place=index, iterations=count, body=body, folds=folds, width=width):
+            case form.Each(place=index, iterations=count, body=body, folds=folds, width=width):
                 self.kind(count, WHOLE)
                 if width not in WIDTHS:
                     raise self.error(f"an `each` of {width} iterations at once, which are one of {WIDTHS}")
@@ -343,9 +314,8 @@ class _Check(Visitor):
                 self.own.clear()
                 for fold in folds:
                     self.define(fold.ref, REAL)
-        return False
 
-    def fold(self, fold: Fold) -> None:
+    def fold(self, fold: form.Fold) -> None:
         known = fold.op in SUMS or fold.op in ("max", "most", "magnitude")
         if (fold.op == "dot") != (fold.factor is not None) or not known:
             raise self.error(f"%{fold.ref} = {fold.op} is no way to make one number of many")
@@ -359,13 +329,8 @@ class _Check(Visitor):
         Called for reductions whose number of iterations is not a constant.
         """
         for one in body:
-            if isinstance(one, (Load, Store)) and one.place == index and self.array(one.array).room < PARTIAL:
+            if isinstance(one, (form.Load, form.Store)) and one.place == index and self.array(one.array).room < PARTIAL:
                 raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
-
-    def iterations(self, index: int, body: Block) -> None:
-        with self.scope():
-            self.define(index, WHOLE)
-            self.statements(body)
 
 
 def _entry_kind(found: Type) -> Kind | None:

@@ -10,40 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar, get_args
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.form import (
-    VECTOR_STATEMENTS,
-    Block,
-    Call,
-    Declare,
-    Each,
-    Fold,
-    Gather,
-    Get,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
-    Procedure,
-    Read,
-    Reduce,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
-    Statement,
-    Store,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-    When,
-    Write,
-    inner,
-    walk,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import VECTOR_STATEMENTS, Block, Procedure, Statement, inner, walk
 
 
 class Fields(NamedTuple):
@@ -54,31 +22,31 @@ class Fields(NamedTuple):
 
 
 FIELDS: Mapping[type, Fields] = {
-    Let: Fields(("args",), ("ref",)),
-    SineCosine: Fields(("angle", "angle"), ("sine", "cosine")),
-    VectorLet: Fields(("args",), ("ref",)),
-    Reduce: Fields(("vector",), ("ref",)),
-    VectorLoad: Fields(("array", "place", "mask"), ("ref",)),
-    Gather: Fields(("array", "places", "mask"), ("ref",)),
-    VectorStore: Fields(("array", "place", "value", "mask")),
-    Scatter: Fields(("array", "places", "value", "mask")),
-    Reserve: Fields((), ("ref",)),
-    ReserveRecord: Fields((), ("ref",)),
-    Part: Fields(("array", "start"), ("ref",)),
-    Load: Fields(("array", "place"), ("ref",)),
-    Store: Fields(("array", "place", "value")),
-    Read: Fields(("record",), ("ref",)),
-    Write: Fields(("record", "value")),
-    Declare: Fields(("value",)),
-    Get: Fields((), ("ref",)),
-    Set: Fields(("value",)),
-    When: Fields(("condition",)),
-    Loop: Fields(("start", "stop"), ("place",)),
-    Repeat: Fields(("condition",)),
-    Each: Fields(("iterations", "folds"), ("place", "folds")),
-    Call: Fields(("callee", "args"), ("refs",)),
-    Leave: Fields(("values",)),
-    Note: Fields(),
+    form.Let: Fields(("args",), ("ref",)),
+    form.SineCosine: Fields(("angle", "angle"), ("sine", "cosine")),
+    form.VectorLet: Fields(("args",), ("ref",)),
+    form.Reduce: Fields(("vector",), ("ref",)),
+    form.VectorLoad: Fields(("array", "place", "mask"), ("ref",)),
+    form.Gather: Fields(("array", "places", "mask"), ("ref",)),
+    form.VectorStore: Fields(("array", "place", "value", "mask")),
+    form.Scatter: Fields(("array", "places", "value", "mask")),
+    form.Reserve: Fields((), ("ref",)),
+    form.ReserveRecord: Fields((), ("ref",)),
+    form.Part: Fields(("array", "start"), ("ref",)),
+    form.Load: Fields(("array", "place"), ("ref",)),
+    form.Store: Fields(("array", "place", "value")),
+    form.Read: Fields(("record",), ("ref",)),
+    form.Write: Fields(("record", "value")),
+    form.Declare: Fields(("value",)),
+    form.Get: Fields((), ("ref",)),
+    form.Set: Fields(("value",)),
+    form.When: Fields(("condition",)),
+    form.Loop: Fields(("start", "stop"), ("place",)),
+    form.Repeat: Fields(("condition",)),
+    form.Each: Fields(("iterations", "folds"), ("place", "folds")),
+    form.Call: Fields(("callee", "args"), ("refs",)),
+    form.Leave: Fields(("values",)),
+    form.Note: Fields(),
 }
 """Fields of every kind of statement. Variables are excluded. An angle counts as read twice, for its sine and cosine."""
 
@@ -105,7 +73,7 @@ def _numbers(value: Any) -> Iterator[int]:
     match value:
         case int():
             yield value
-        case Fold(value=first, factor=second):
+        case form.Fold(value=first, factor=second):
             yield first
             if second is not None:
                 yield second
@@ -128,7 +96,7 @@ def _renamed(value: Any, names: Mapping[int, int]) -> Any:
     match value:
         case int():
             return names.get(value, value)
-        case Fold(value=first, factor=second):
+        case form.Fold(value=first, factor=second):
             return value._replace(value=names.get(first, first), factor=_renamed(second, names))
         case tuple():
             return tuple(_renamed(part, names) for part in value)
@@ -149,7 +117,7 @@ def uses_of(block: Block) -> dict[int, int]:
     for statement in block:
         for ref in operands(statement):
             found[ref] = found.get(ref, 0) + 1
-        loops = isinstance(statement, (Loop, Repeat, Each))
+        loops = isinstance(statement, (form.Loop, form.Repeat, form.Each))
         for body in inner(statement):
             made = frozenset(ref for one in walk(body) for ref in defined(one))
             for ref, count in uses_of(body).items():
@@ -159,7 +127,7 @@ def uses_of(block: Block) -> dict[int, int]:
 
 def loop_depth(block: Block) -> int:
     """Return the greatest depth of nested loops in a block."""
-    depths = (loop_depth(body) + isinstance(one, (Loop, Each)) for one in block for body in inner(one))
+    depths = (loop_depth(body) + isinstance(one, (form.Loop, form.Each)) for one in block for body in inner(one))
     return max(depths, default=0)
 
 
