@@ -12,8 +12,6 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Record, Vect
 if TYPE_CHECKING:
     from lagrange.procedure.builder import Builder
 
-Number = float | int
-
 
 class Value:
     """One value of a procedure. Every operation on it adds a statement to the block that is being built."""
@@ -32,96 +30,64 @@ class Value:
         return self
 
 
+def _operator(op: str) -> Callable[[Any, Any], Any]:
+    """Return the method of a Python operator: the operation `op` on the value and another operand."""
+    return lambda self, other: self.builder.operation(op, self, other)
+
+
+def _reflected(op: str) -> Callable[[Any, Any], Any]:
+    """Return the method of a Python operator whose first operand is the other one."""
+    return lambda self, other: self.builder.operation(op, other, self)
+
+
+def _unary(op: str) -> Callable[[Any], Any]:
+    """Return the method of a Python operator with one operand."""
+    return lambda self: self.builder.operation(op, self)
+
+
 class _Ordered(Value):
     """Operations that are common to reals and wholes."""
 
-    def _with(self, op: str, *others: Any) -> Any:
-        return self.builder.operation(op, self, *others)
-
-    def __add__(self, other: Any) -> Any:
-        return self._with("add", other)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with("sub", other)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with("mul", other)
-
-    def __radd__(self, other: Number) -> Any:
-        return self.builder.operation("add", other, self)
-
-    def __rsub__(self, other: Number) -> Any:
-        return self.builder.operation("sub", other, self)
-
-    def __rmul__(self, other: Number) -> Any:
-        return self.builder.operation("mul", other, self)
-
-    def __neg__(self) -> Any:
-        return self._with("neg")
-
-    def __lt__(self, other: Any) -> Flag:
-        return Flag.of(self._with("less", other))
-
-    def __le__(self, other: Any) -> Flag:
-        return Flag.of(self._with("less_equal", other))
-
-    def __gt__(self, other: Any) -> Flag:
-        return Flag.of(self.builder.operation("less", other, self))
-
-    def __ge__(self, other: Any) -> Flag:
-        return Flag.of(self.builder.operation("less_equal", other, self))
+    __add__, __radd__ = _operator("add"), _reflected("add")
+    __sub__, __rsub__ = _operator("sub"), _reflected("sub")
+    __mul__, __rmul__ = _operator("mul"), _reflected("mul")
+    __neg__ = _unary("neg")
+    __lt__, __gt__ = _operator("less"), _reflected("less")
+    __le__, __ge__ = _operator("less_equal"), _reflected("less_equal")
 
     def equals(self, other: Any) -> Flag:
         """Return the flag that is true if two numbers are equal. It is false if one is NaN."""
-        return Flag.of(self._with("equal", other))
+        return Flag.of(self.builder.operation("equal", self, other))
 
 
 class Real(_Ordered):
     """A double."""
 
     kind = REAL
-
-    def __truediv__(self, other: Any) -> Real:
-        return self.builder.real(self._with("div", other))
-
-    def __rtruediv__(self, other: Number) -> Real:
-        return self.builder.real(self.builder.operation("div", other, self))
-
-    def __abs__(self) -> Real:
-        return self.builder.real(self._with("abs"))
-
-    def __pow__(self, exponent: Any) -> Real:
-        return self.builder.real(self._with("power", exponent))
+    __truediv__, __rtruediv__ = _operator("div"), _reflected("div")
+    __abs__ = _unary("abs")
+    __pow__ = _operator("power")
 
 
 class Whole(_Ordered):
     """A 64-bit integer."""
 
     kind = WHOLE
-
-    def __floordiv__(self, other: Any) -> Any:
-        return self._with("quotient", other)
+    __floordiv__ = _operator("quotient")
 
 
 class Flag(Value):
     """True or false."""
 
     kind = FLAG
+    __and__, __or__ = _operator("and"), _operator("or")
+    __invert__ = _unary("not")
 
     @staticmethod
     def of(value: Any) -> Flag:
         """Return `value` if it is a flag. Raises LagrangeError for a value of another kind."""
         assert isinstance(value, Flag)
         return value
-
-    def __and__(self, other: Flag) -> Flag:
-        return Flag.of(self.builder.operation("and", self, other))
-
-    def __or__(self, other: Flag) -> Flag:
-        return Flag.of(self.builder.operation("or", self, other))
-
-    def __invert__(self) -> Flag:
-        return Flag.of(self.builder.operation("not", self))
 
 
 VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, FLAG: Flag}
@@ -130,42 +96,15 @@ VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, F
 class Entries:
     """A short vector. Operators work entry by entry. If the other operand is a number or flag, it is broadcast."""
 
+    __add__, __sub__, __mul__ = _operator("add"), _operator("sub"), _operator("mul")
+    __truediv__, __rtruediv__ = _operator("div"), _reflected("div")
+    __neg__, __invert__ = _unary("neg"), _unary("not")
+    __lt__, __le__ = _operator("less"), _operator("less_equal")
+    __and__, __or__ = _operator("and"), _operator("or")
+
     def __init__(self, builder: Builder, ref: int, vector: Vector) -> None:
         self.builder, self.ref, self.vector = builder, ref, vector
         self.kind, self.width = vector
-
-    def __add__(self, other: Any) -> Entries:
-        return self.builder.entrywise("add", self, other)
-
-    def __rtruediv__(self, other: Number) -> Entries:
-        return self.builder.entrywise("div", other, self)
-
-    def __sub__(self, other: Any) -> Entries:
-        return self.builder.entrywise("sub", self, other)
-
-    def __mul__(self, other: Any) -> Entries:
-        return self.builder.entrywise("mul", self, other)
-
-    def __truediv__(self, other: Any) -> Entries:
-        return self.builder.entrywise("div", self, other)
-
-    def __neg__(self) -> Entries:
-        return self.builder.entrywise("neg", self)
-
-    def __lt__(self, other: Any) -> Entries:
-        return self.builder.entrywise("less", self, other)
-
-    def __le__(self, other: Any) -> Entries:
-        return self.builder.entrywise("less_equal", self, other)
-
-    def __and__(self, other: Any) -> Entries:
-        return self.builder.entrywise("and", self, other)
-
-    def __or__(self, other: Any) -> Entries:
-        return self.builder.entrywise("or", self, other)
-
-    def __invert__(self) -> Entries:
-        return self.builder.entrywise("not", self)
 
     def equals(self, other: Any) -> Entries:
         """Return the vector of flags that are true where both entries are equal. A flag is false if an entry is NaN."""

@@ -40,11 +40,6 @@ class Quantity:
     rows: Callable[[Equations], int] | None = None
 
 
-def rhs(equations: Equations) -> Named:
-    """Return d[q, v]/dt = [v, a]."""
-    return {"rate": equations.rate, "acceleration": equations.accelerations}
-
-
 def jacobian(equations: Equations) -> Named:
     """Return d rhs / dy, (2n, 2n).
 
@@ -73,11 +68,6 @@ def jacobian(equations: Equations) -> Named:
     return {"jacobian": [entry for row in zip(*columns, strict=True) for entry in row]}
 
 
-def momentum(equations: Equations) -> Named:
-    """Return [p, f], the momenta p = dL/dv and the forces f = dL/dq + Q - dD/dv, so that dp/dt = f."""
-    return {"momenta": equations.momenta, "forces": equations.forces}
-
-
 def momentum_jacobian(equations: Equations) -> Named:
     """Return d[p, f] / d[q, v], (2n, 2n); its upper right block is the mass matrix."""
     rows = [*equations.momenta, *equations.forces]
@@ -93,11 +83,6 @@ def constraint_forces(equations: Equations) -> Named:
     return {"constraint_forces": forces}
 
 
-def constraint_gradient(equations: Equations) -> Named:
-    """Return the gradient of the constraints by the velocities, G = dpsi/dv, one row for each constraint."""
-    return {"constraint_gradient": [entry for row in equations.stated.gradient for entry in row]}
-
-
 def constraint_sizes(equations: Equations) -> Named:
     """Return for each constraint the sum of the magnitudes of its terms: first for phi, then for psi."""
     held = equations.stated
@@ -106,7 +91,9 @@ def constraint_sizes(equations: Equations) -> Named:
 
 
 QUANTITIES: dict[str, Quantity] = {
-    "rhs": Quantity(rhs, solved=True, returned=("acceleration",)),
+    "rhs": Quantity(
+        lambda e: {"rate": e.rate, "acceleration": e.accelerations}, solved=True, returned=("acceleration",)
+    ),
     "jacobian": Quantity(jacobian, 2, solved=True),
     "accelerations": Quantity(lambda e: {"acceleration": e.accelerations}, solved=True),
     "mass_matrix": Quantity(lambda e: {"mass_matrix": [entry for row in e.mass for entry in row]}, 2),
@@ -115,28 +102,29 @@ QUANTITIES: dict[str, Quantity] = {
     "lagrangian": Quantity(lambda e: {"lagrangian": [e.lagrangian]}, 0),
     "forces": Quantity(lambda e: {"forces": e.forces}),
     "bias": Quantity(lambda e: {"bias": e.bias}),
-    "momentum": Quantity(momentum, returned=("momenta", "forces")),
+    "momentum": Quantity(lambda e: {"momenta": e.momenta, "forces": e.forces}, returned=("momenta", "forces")),
     "momentum_jacobian": Quantity(momentum_jacobian, 2),
 }
-"""Quantities of every system, by name. `forces` is f = dL/dq + Q - dD/dv; `bias` is h in M a = h + G^T lambda."""
-
-
-def _by_constraint(equations: Equations) -> int:
-    """Return the number of constraints of the equations."""
-    return len(equations.stated)
+"""Quantities of every system, by name. `forces` is f = dL/dq + Q - dD/dv; `bias` is h in M a = h + G^T lambda.
+`momentum` is [p, f], so that dp/dt = f.
+"""
 
 
 CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
-    "constraint_forces": Quantity(constraint_forces, 2, solved=True, rows=_by_constraint),
+    "constraint_forces": Quantity(constraint_forces, 2, solved=True, rows=lambda e: len(e.stated)),
     "constraints": Quantity(lambda e: {"positions": constraint_positions(e.stated), "velocities": e.stated.velocities}),
-    "constraint_gradient": Quantity(constraint_gradient, 2, rows=_by_constraint),
+    "constraint_gradient": Quantity(
+        lambda e: {"constraint_gradient": [entry for row in e.stated.gradient for entry in row]},
+        2,
+        rows=lambda e: len(e.stated),
+    ),
     "constraint_bias": Quantity(lambda e: {"constraint_bias": e.stated.bias}),
     "constraint_sizes": Quantity(constraint_sizes),
 }
 """Quantities of systems with constraints, by name. `constraints` is phi, followed by psi = dphi/dt.
-`constraint_gradient` is G. `constraint_bias` is gamma in G a + gamma = 0. `constraint_sizes` has the sizes of the terms
-of phi and psi.
+`constraint_gradient` is G = dpsi/dv, a row for each constraint. `constraint_bias` is gamma in G a + gamma = 0.
+`constraint_sizes` has the sizes of the terms of phi and psi.
 """
 
 
@@ -158,40 +146,22 @@ def quantities_of(equations: Equations) -> dict[str, Quantity]:
 
 def program_of(name: str, equations: Equations) -> Program:
     """Return the program of a quantity of the system, lowered at the first call."""
-    if name not in equations.programs:
-        equations.programs[name] = _lowered(name, equations)
-    program: Program = equations.programs[name]
-    return program
-
-
-def _lowered(name: str, equations: Equations) -> Program:
-    """Return a new program of a quantity of the system."""
+    if name in equations.programs:
+        program: Program = equations.programs[name]
+        return program
     quantity = {**quantities_of(equations), **LAW_QUANTITIES}[name]
     results = quantity.results(equations)
     inputs = quantity.inputs(equations)
     count = sum(map(len, results.values()))
     rows = math.isqrt(count) if quantity.rows is None else quantity.rows(equations)
     shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
-    return lower(
-        name,
-        results,
-        inputs,
-        equations.time,
-        equations.parameters,
-        shape=shape,
-        returned=_returned(quantity, results, inputs),
-        solved=quantity.solved,
-    )
-
-
-def _returned(quantity: Quantity, results: Named, inputs: Named) -> tuple[str, ...]:
-    """Return the names of the results that a kernel returns: those of the quantity, if all others are inputs.
-
-    Otherwise return no names: then a kernel writes all results.
-    """
+    # A kernel returns some results only if all others are inputs. Otherwise it writes all results.
     symbols = {symbol for block in inputs.values() for symbol in block}
-    others = (node for name, nodes in results.items() if name not in quantity.returned for node in nodes)
-    return quantity.returned if all(node in symbols for node in others) else ()
+    others = (node for block, nodes in results.items() if block not in quantity.returned for node in nodes)
+    returned = quantity.returned if all(node in symbols for node in others) else ()
+    given = name, results, inputs, equations.time, equations.parameters
+    equations.programs[name] = program = lower(*given, shape=shape, returned=returned, solved=quantity.solved)
+    return program
 
 
 def lower_nodes(

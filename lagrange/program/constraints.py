@@ -19,8 +19,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.graph.term_size import term_sizes
-from lagrange.program.lower import Named, lower
-from lagrange.program.program import Program
+from lagrange.program.lower import Named
 
 LEAST_TERM_SIZE = Fraction(1, 2**1000)
 """Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
@@ -74,14 +73,6 @@ def projection(equations: Equations) -> Named:
     found = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
     relations = len(equations.first_order)
     return found | {"stated": [worst(shares[:-relations])]} if relations else found
-
-
-def projection_program(equations: Equations) -> Program:
-    """Return the program of the corrections, the violation and the remainder, as one vector."""
-    results = projection(equations)
-    shape = (sum(map(len, results.values())),)
-    state, time, parameters = equations.state, equations.time, equations.parameters
-    return lower("projection", results, state, time, parameters, shape=shape, solved=True)
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:

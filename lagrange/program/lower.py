@@ -42,20 +42,16 @@ def lower(
     instructions, hoisted, found = lowering.finish(refs)
     return Program(
         name=name,
-        inputs=_blocks(inputs),
+        inputs=tuple(ProgramBlock(block, len(nodes)) for block, nodes in inputs.items()),
         parameters=len(parameters),
         instructions=instructions,
         hoisted=hoisted,
         outputs=found,
-        results=_blocks(results),
+        results=tuple(ProgramBlock(block, len(nodes)) for block, nodes in results.items()),
         shape=(len(outputs),) if shape is None else shape,
         returned=returned,
         solved=solved,
     )
-
-
-def _blocks(named: Named) -> tuple[ProgramBlock, ...]:
-    return tuple(ProgramBlock(name, len(nodes)) for name, nodes in named.items())
 
 
 class _Lowering:
@@ -86,7 +82,9 @@ class _Lowering:
             if node.kind is Kind.PRODUCT:
                 self.inner.update(arg for arg in node.args if arg.kind is Kind.PRODUCT)
         for node in _depth_first(outputs):
-            if node not in self.done and not self.is_fused(node):
+            # A multiply-add absorbs a product that is used once, as a term of a sum or as a divisor.
+            fused = node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
+            if node not in self.done and not fused:
                 self.done[node] = self.compute(node)
 
     def ref(self, node: Node) -> int:
@@ -122,10 +120,6 @@ class _Lowering:
             raise _beyond_doubles(value, "not zero, and too small for")
         return self.emit("constant", value=nearest)
 
-    def is_fused(self, node: Node) -> bool:
-        """Return True for a product that a multiply-add absorbs: used once, as a term of a sum or as a divisor."""
-        return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
-
     def compute(self, node: Node) -> int:
         """Emit the instructions of one node, and return the index of its result. Those of its arguments exist."""
         if node.kind is Kind.CONSTANT:
@@ -149,9 +143,10 @@ class _Lowering:
     def sum(self, node: Node) -> int:
         """Emit a linear combination, and return the index of its result. Terms of parameters alone come first."""
         constant, coefficients = node.data
-        terms = sorted(zip(coefficients, node.args, strict=True), key=_term_order)
         total: int | None = None
-        for coefficient, arg in terms:
+        # Positive terms come before negative ones, which then are subtractions.
+        terms = zip(coefficients, node.args, strict=True)
+        for coefficient, arg in sorted(terms, key=lambda t: (t[1].binding > Binding.PARAMETER, t[0] < 0, t[1].id)):
             total = self.add_term(total, coefficient, arg)
         if total is None or constant:
             return self.add(total, self.constant(constant))
@@ -259,7 +254,14 @@ class _Lowering:
         Parameters that change along a motion are read at the front too, but instructions that depend on them are not
         hoisted. Returns the instructions, the number of hoisted ones, and the new indices of the outputs.
         """
-        needed = self.needed(outputs)
+        marked = bytearray(len(self.instructions))
+        for output in outputs:
+            marked[output] = 1
+        for i in range(len(self.instructions) - 1, -1, -1):
+            if marked[i]:
+                for arg in self.instructions[i].args:
+                    marked[arg] = 1
+        needed = [i for i, mark in enumerate(marked) if mark]
         early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
         first = [i for i in needed if i in early]
         order = [*first, *(i for i in needed if i not in early)]
@@ -268,16 +270,6 @@ class _Lowering:
             self.instructions[i]._replace(args=tuple(place[arg] for arg in self.instructions[i].args)) for i in order
         )
         return instructions, len(first), tuple(place[output] for output in outputs)
-
-    def needed(self, outputs: list[int]) -> list[int]:
-        marked = bytearray(len(self.instructions))
-        for output in outputs:
-            marked[output] = 1
-        for i in range(len(self.instructions) - 1, -1, -1):
-            if marked[i]:
-                for arg in self.instructions[i].args:
-                    marked[arg] = 1
-        return [i for i, mark in enumerate(marked) if mark]
 
 
 _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan")}
@@ -309,15 +301,6 @@ def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list
         if node.kind is Kind.POWER and node.data < 0 and node.binding > Binding.PARAMETER and uses.get(node, 0) == 1
     ]
     return [node for node in factors if node not in under], under
-
-
-def _term_order(term: tuple[Exact, Node]) -> tuple[bool, bool, int]:
-    """Return the sort key of a term of a sum.
-
-    Parameters come first, and positive terms before negative ones, which then are subtractions.
-    """
-    coefficient, node = term
-    return (node.binding > Binding.PARAMETER, coefficient < 0, node.id)
 
 
 def _depth_first(outputs: Sequence[Node]) -> list[Node]:

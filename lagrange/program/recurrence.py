@@ -359,10 +359,12 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
     return build
 
 
-def _exponential(b: RecurrenceBuilder, node: Node) -> int:
-    b.value(node.args[0])
+def _exponential(b: RecurrenceBuilder, node: Node, exponent: Node | None = None) -> int:
+    """Return the number of the value u = exp(a), by u' = u a'. By default a is the argument of the node."""
+    a = node.args[0] if exponent is None else exponent
+    b.value(a)
     value = b.reserve(node)
-    b.integrate(value, node.args[0], value)
+    b.integrate(value, a, value)
     return value
 
 
@@ -377,20 +379,14 @@ def _tangent(sign: int) -> FunctionRule:
         w = b.add(SeriesRule("linear", (square,), (b.constant(sign),)), slope, b.graph.one)
         b.values.setdefault(slope, w)
         if sign < 0:
-            b.starts[slope] = _flatness(node.args[0])
+            # 1 - tanh(a)**2 without cancellation: for large |a| it is 4 exp(-2|a|). The difference would be rounded to
+            # zero, and the series would be constant.
+            tail = b.graph.call("exp", -2 * b.graph.call("abs", node.args[0]))
+            b.starts[slope] = 4 * tail / (1 + tail) ** 2
         b.integrate(value, node.args[0], w)
         return value
 
     return build
-
-
-def _flatness(a: Node) -> Node:
-    """Return 1 - tanh(a)**2 without cancellation, from exponentials.
-
-    For large |a| it is 4 exp(-2|a|). The difference would be rounded to zero, and the series would be constant.
-    """
-    tail = a.graph.call("exp", -2 * a.graph.call("abs", a))
-    return 4 * tail / (1 + tail) ** 2
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
@@ -443,11 +439,7 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
-    inner = b.graph.product((exponent, b.graph.call("log", base)))
-    b.value(inner)
-    value = b.reserve(node)
-    b.integrate(value, inner, value)
-    return value
+    return _exponential(b, node, b.graph.product((exponent, b.graph.call("log", base))))
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:

@@ -64,6 +64,35 @@ LAGGED = {"integral": 0, "along": 1}
 """For each rule, the index of the argument that is not read at order k, only at lower orders and at order 0."""
 
 
+OWN = -1
+"""Argument number that stands for the value itself."""
+
+
+class Factor(NamedTuple):
+    """A factor of a sum over lower orders: the number of an argument, or `OWN`.
+
+    If `ranked`, the coefficient of order j is multiplied by j.
+    """
+
+    argument: int
+    ranked: bool = False
+
+
+_FIRST, _SECOND, _ITSELF = Factor(0), Factor(1), Factor(OWN)
+
+SUMS: dict[str, tuple[tuple[Factor, Factor], ...]] = {
+    "mul": ((_FIRST, _SECOND),),
+    "square": ((_FIRST, _FIRST),),
+    "div": ((_SECOND, _ITSELF),),
+    "inverse": ((_FIRST, _ITSELF),),
+    "sqrt": ((_ITSELF, _ITSELF),),
+    "power": ((Factor(0, ranked=True), _ITSELF), (_FIRST, _ITSELF)),
+    "along": ((Factor(0, ranked=True), _SECOND),),
+    "against": ((Factor(OWN, ranked=True), _SECOND),),
+}
+"""The factors (x, y) of the sums over 0 < j < k of x[j] y[k-j] that a rule reads."""
+
+
 class SeriesRule(NamedTuple):
     """Recurrence of one value's Taylor coefficients: operation, arguments, and indices in the table of constants.
 
@@ -179,15 +208,7 @@ class SeriesProgram:
     @cached_property
     def ranked(self) -> frozenset[int]:
         """Values whose coefficients x[j] of lower orders are read multiplied by the order, as j * x[j]."""
-        found: set[int] = set()
-        for i, (op, args, _) in enumerate(self.rules):
-            if op == "along":
-                found.add(args[0])
-            elif op == "against":
-                found.add(i)
-            elif op == "power":
-                found.add(args[0])
-        return frozenset(found)
+        return kept_values(self.rules, ranked=True)
 
     @cached_property
     def lagged(self) -> frozenset[int]:
@@ -250,23 +271,18 @@ def convolutions(rules: Sequence[SeriesRule]) -> int:
 
     The sum of a square counts half, because its terms occur in pairs.
     """
-    weight = {"mul": 2, "div": 2, "inverse": 2, "power": 4, "along": 2, "against": 2, "square": 1, "sqrt": 1}
-    return sum(weight.get(rule.op, 0) for rule in rules)
+    return sum(1 if a == b else 2 for rule in rules for a, b in SUMS.get(rule.op, ()))
 
 
-def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the values whose coefficients of lower orders some rule reads."""
-    found: set[int] = set()
-    for i, (op, args, _) in enumerate(rules):
-        if op in ("mul", "square"):
-            found.update(args)
-        elif op in ("div", "inverse", "power"):
-            found.update((args[-1], i))
-        elif op == "sqrt":
-            found.add(i)
-        elif op in ("along", "against"):
-            found.add(args[1])
-    return frozenset(found)
+def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozenset[int]:
+    """Return the values whose coefficients of lower orders some rule reads, multiplied by the order if `ranked`."""
+    return frozenset(
+        i if factor.argument == OWN else rule.args[factor.argument]
+        for i, rule in enumerate(rules)
+        for factors in SUMS.get(rule.op, ())
+        for factor in factors
+        if factor.ranked == ranked
+    )
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:

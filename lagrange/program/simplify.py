@@ -131,7 +131,8 @@ class _Simplifier:
             first, second = given
             return self.sum(first, Signed(second.ref, second.negative != (one.op == "sub")))
         args = [value.ref if one.op in EVEN else self.plain_of(value) for value in given]
-        return Signed(self.emit(one.op, *args, **_data(one)))
+        data = {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
+        return Signed(self.emit(one.op, *args, **data))
 
     def odd(self, op: str, a: Signed, b: Signed) -> Signed:
         """Emit a product or quotient (`op`); return its signed result, negative if one operand is negative."""
@@ -239,11 +240,6 @@ class _Simplifier:
         for ref in order[1:]:
             made = self.emit("mul", made, ref)
         return made
-
-
-def _data(one: Instruction) -> dict[str, Any]:
-    """Return the fields of the instruction `one` other than its operation and operands."""
-    return {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
 
 
 def _uses(program: Program) -> list[int]:

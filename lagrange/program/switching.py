@@ -146,13 +146,10 @@ def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
         node = waiting.pop()
         if node not in found:
             found[node] = None
+            is_periodic = node.kind is Kind.CALL and node.data in ("sin", "cos", "tan")
             for arg in node.args:
-                waiting += _without_turns(arg) if _is_periodic(node) else [arg]
+                waiting += _without_turns(arg) if is_periodic else [arg]
     return found
-
-
-def _is_periodic(node: Node) -> bool:
-    return node.kind is Kind.CALL and node.data in ("sin", "cos", "tan")
 
 
 def _without_turns(a: Node) -> list[Node]:

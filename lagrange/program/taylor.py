@@ -11,7 +11,7 @@ from lagrange.equations.euler_lagrange import Equations, MotionForm, bias_forces
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.graph.node import Binding, Exact, Kind, Node, reachable
 from lagrange.graph.rebuild import substitute
-from lagrange.program.constraints import projection_program
+from lagrange.program.constraints import projection
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import RecurrenceBuilder, known_node
@@ -329,6 +329,7 @@ class _Assembly:
         (first if self.plan.moving else constants)["mass"][:0] = [*mass, *mass] if self.motion else mass
         lost = {"q_lost": low[:n], "v_lost": low[n:]}
         stated = self.switched.stated or (e.graph.zero,)
+        corrections = projection(e) if len(e.constraints) else None
         return SeriesProgram(
             name=name,
             dimension=len(e.q),
@@ -343,7 +344,9 @@ class _Assembly:
             stages=self.stages(),
             watched=tuple(self.watched),
             values=lower(f"{name}_values", {"values": self.seen or (e.graph.zero,)}, e.state, e.time, symbols),
-            projection=projection_program(e) if len(e.constraints) else None,
+            projection=None
+            if corrections is None
+            else lower("projection", corrections, e.state, e.time, e.parameters, solved=True),
         )
 
     def stages(self) -> tuple[Stage, ...]:

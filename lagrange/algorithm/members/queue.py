@@ -67,6 +67,19 @@ class MemberJob:
     states [q, v]. `numbers` has the parameters of each member, or the prepared numbers that all members share.
     `ends`, `times` and `outcomes` are the last states, their times and the outcomes: a member whose outcome is not
     DONE is at the point where its run stopped.
+
+    wanted        Number of output times.
+    output_times  The output times, with NaN after the last one.
+    outputs       The states at the output times, (count, wanted, 2n).
+    first         The observed values at the start.
+    last          The observed values at the end.
+    points        The sample points of a step, for reductions of expressions along the run.
+    table         The numbers of the dense output.
+    reduced       The reductions of expressions.
+    law           The law of motion as the steps call it, or the series.
+    prepare       The function that writes the numbers of a member, None if all members share them.
+    values        The function that evaluates the watched functions of a Taylor run, or None.
+    watched       Further arguments of the search for events, or None.
     """
 
     lane: int
@@ -83,47 +96,24 @@ class MemberJob:
     starts: In
     numbers: In
     wanted: int
-    """Number of output times."""
-
     output_times: In
-    """The output times, with NaN after the last one."""
-
     outputs: Out
-    """The states at the output times, (count, wanted, 2n)."""
-
     ends: Out
     times: Out
     first: Out
-    """The observed values at the start."""
-
     last: Out
-    """The observed values at the end."""
-
     outcomes: WholesOut
     steps: WholesOut
     rejected: WholesOut
     evaluations: WholesOut
     points: In
-    """The sample points of a step, for reductions of expressions along the run."""
-
     table: In
-    """The numbers of the dense output."""
-
     reduced: Out
-    """The reductions of expressions."""
-
     law: Callable[..., Any]
-    """The law of motion as the steps call it, or the series."""
-
     observe: Callable[..., bool]
     prepare: Any
-    """The function that writes the numbers of a member, None if all members share them."""
-
     values: Any
-    """The function that evaluates the watched functions of a Taylor run, or None."""
-
     watched: Any
-    """Further arguments of the search for events, or None."""
 
 
 @dataclass(frozen=True)

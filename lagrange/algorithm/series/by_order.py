@@ -10,12 +10,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from lagrange.algorithm.blocks import whole_blocks
-from lagrange.algorithm.series.jet import LoopJet
+from lagrange.algorithm.series.jet import LoopJet, solved
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
-from lagrange.algorithm.series.rules import Term, coefficient
+from lagrange.algorithm.series.packing import Chunk, Operand, PackedStage, Packing
+from lagrange.algorithm.series.rules import ChunkAt, Term, coefficient
 from lagrange.algorithm.series.systems import system_size
-from lagrange.algorithm.series.value import ChunkAt, divisor, solved
 from lagrange.algorithm.series.vectors import OrderSums, Pair, entries, gathered, of_width, put, wide
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.form import FLAG, Procedure
@@ -44,13 +43,6 @@ class Row:
         self.size = whole_blocks(self.size, packing.lanes)
 
 
-def by_order_layout(packing: Packing) -> TaylorLayout:
-    """Return the memory layout of a series for members in lanes."""
-    program, width = packing.program, Row(packing, packing.program.states).size
-    ways = {"by_rows": True, "observes": len(program.watched) > 0}
-    return TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
-
-
 def by_order_scratch(packing: Packing) -> int:
     """Return the number of doubles of work memory after the rows."""
     return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
@@ -60,7 +52,11 @@ class ByOrderJet(LoopJet):
     """Builder of the procedure that computes a series for lanes. `x` has the coefficients of the present order."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
-        super().__init__(packing, numbers, layout or by_order_layout(packing), LARGEST_INVERSE)
+        if layout is None:
+            program, width = packing.program, Row(packing, packing.program.states).size
+            ways = {"by_rows": True, "observes": len(program.watched) > 0}
+            layout = TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
+        super().__init__(packing, numbers, layout, LARGEST_INVERSE)
         self.places = Row(packing, self.layout.watched_at).places
         self.x: dict[Chunk, Term] = {}
         self.operands: dict[Operand, Term] = {}
@@ -73,8 +69,9 @@ class ByOrderJet(LoopJet):
         """Return the procedure that computes the series for all lanes."""
         p, packing = self.p, self.packing
         self.begin()
-        for operand in dict.fromkeys(operand for chunk in packing.computed if (operand := divisor(chunk)) is not None):
-            self.reciprocals[operand] = 1.0 / self.at_zero(operand)
+        for operand in dict.fromkeys(chunk.divisor for chunk in packing.computed):
+            if operand is not None:
+                self.reciprocals[operand] = 1.0 / self.at_zero(operand)
         for system, stage in zip(self.systems, packing.stages, strict=True):
             system.read(stage.rows)
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
@@ -104,16 +101,11 @@ class ByOrderJet(LoopJet):
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Compute the coefficients of chunks at the present order."""
         for chunk in chunks:
-            self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
+            self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
         """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
-        depth = self.program.depth
-        self.operands = {
-            operand: x
-            for operand, x in self.operands.items()
-            if all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
-        }
+        self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, place)}
         self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
 
     def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
@@ -179,19 +171,9 @@ class ByOrderJet(LoopJet):
         """Return the reciprocal of an operand at order 0."""
         return self.reciprocals[operand]
 
-    def start(self) -> Term:
-        """Return the coefficient of time itself: the scale at k = 1, else 0."""
-        return self.time
-
-
-class _ByOrder(ChunkAt):
-    """Source of a chunk's coefficients at the present order, for its rule."""
-
-    series: ByOrderJet
-
-    def total(self, which: int) -> Term:
-        """Return sum number `which` of the rule, a sum of x[j] y[k-j] over 0 < j < k."""
-        return self.series.sums[self.chunk.sums[which]]
+    def total(self, chunk: Chunk, which: int) -> Term:
+        """Return sum number `which` of the rule of a chunk, a sum of x[j] y[k-j] over 0 < j < k."""
+        return self.sums[chunk.sums[which]]
 
 
 def _kept(packing: Packing) -> Iterator[Operand]:

@@ -9,7 +9,7 @@ compiler turns each chunk into vectors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
 from typing import Any
@@ -17,8 +17,8 @@ from typing import Any
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
-from lagrange.algorithm.series.packing import ZERO_LANE, Operand, Packing
-from lagrange.algorithm.series.rules import Term
+from lagrange.algorithm.series.packing import ZERO_LANE, Operand, PackedStage, Packing
+from lagrange.algorithm.series.rules import Term, less, plus
 from lagrange.algorithm.series.systems import LinearSystem, moving_system, system_size
 from lagrange.algorithm.series.vectors import joined
 from lagrange.algorithm.taylor.memory import TaylorLayout
@@ -89,6 +89,16 @@ class JetBuilder:
             self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
         return self.joined[places]
 
+    def common(self, places: Sequence[int]) -> float | None:
+        """Return the number that all constants with the indices `places` equal, if known at compile time; else None."""
+        known = dict.fromkeys(self.program.numbers[place] for place in places)
+        return next(iter(known)) if len(known) == 1 else None
+
+    def is_known(self, operand: Operand, place: int) -> bool:
+        """Return True if no value of an operand depends on a stage after number `place`."""
+        depth = self.program.depth
+        return all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
+
     def at_zero(self, operand: Operand) -> Term:
         """Return an operand at order 0, as a number or vector."""
         zero = (None, 0)
@@ -133,6 +143,10 @@ class LoopJet(JetBuilder):
         self.shares = self.high * self.scale, self.low * self.scale
         self.time = p.choose(k.equals(1), self.scale, 0.0)
 
+    def start(self) -> Term:
+        """Return the coefficient of time itself: the scale at k = 1, else 0."""
+        return self.time
+
     def share(self, x: Term) -> Term:
         """Return scale * x / k, where k is the order, and `scale` the unit of time."""
         return divided(self, x, *self.shares)
@@ -150,3 +164,17 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
     if x is None:
         return None
     return x * high if low is None else jet.p.fma(x, high, x * low)
+
+
+def solved(jet: Any, place: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+    """Return the unknowns of stage number `place` by chunk: guesses plus M0^-1 (f[k-1] * scale / k - p^[k]).
+
+    `jet` is a builder that keeps operands as values. p^[k] is the coefficient of the momenta that was computed with the
+    guesses as unknowns.
+    """
+    right = []
+    for force, momentum in zip(stage.right, stage.left, strict=True):
+        rate = None if force is None else jet.share(jet.before(force))
+        right.append(less(rate, None if momentum is None else jet.now(momentum)))
+    solution = jet.systems[place].solve(stage.rows, right)
+    return [plus(x, guess) for x, guess in zip(solution, guesses, strict=True)]

@@ -11,16 +11,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from lagrange.algorithm.blocks import whole_blocks
-from lagrange.algorithm.series.image import ALIGNED, NOWHERE, ChunkLane, Image, ScatteredLane, arguments
 from lagrange.algorithm.series.jet import LoopJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
-from lagrange.algorithm.series.rules import Term, coefficient, less
+from lagrange.algorithm.series.rules import ChunkAt, Term, coefficient, less
 from lagrange.algorithm.series.systems import Diagonal, InverseInMemory, system_size
-from lagrange.algorithm.series.value import divisor
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.form import FLAG, Procedure
-from lagrange.procedure.values import Memory, Whole
+from lagrange.procedure.values import Memory, Real, Whole
 
 Piece = tuple[Chunk, int, int, int]
 """A part of the sums of a chunk: the chunk, the index of the pair of factors, the first lane, and the number of lanes.
@@ -33,21 +31,119 @@ TILE = 48
 """Largest number of sums in one loop, so that their totals stay in registers."""
 
 
-def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
-    """Return the layout of a series without watched values, and the layout of the values at one order."""
-    program = packing.program
-    image = Image(packing, 10 * program.dimension)
-    scratch = whole_blocks(sum(system_size(stage.plan) for stage in program.stages), ALIGNED)
-    return replace(TaylorLayout.of(program, image.width, scratch=scratch, by_rows=True), watched=0), image
+ALIGNED = 8
+"""Alignment of vectors in the work array, in doubles, for the fastest reads."""
+
+
+NOWHERE = -1
+"""Index of a value whose index is not chosen yet."""
+
+
+class Image:
+    """Memory layout of the values of one order: the state, operands that later orders read, then all others.
+
+    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an aligned
+    array. An operand whose values are adjacent and in order is read where they are. Other operands are `gathered`
+    value by value.
+    """
+
+    def __init__(self, packing: Packing, first: int) -> None:
+        self.packing, self.first = packing, first
+        states = range(packing.program.states)
+        self.homes: dict[int, int] = {i: i for i in states}
+        """Index in memory of each value."""
+        self.repeated: dict[int, int] = {i: i for i in states}
+        """The value at each index of a home."""
+        self.places: dict[Operand, int] = {}
+        self.gathered: dict[Operand, None] = {}
+        self.end = len(states)
+        self.place_homes(dict.fromkeys((*packing.summed, *packing.delayed)))
+        kept = dict.fromkeys((*packing.summed, *packing.delayed, *packing.rates))
+        for operand in kept:
+            self.place(operand)
+        self.width = whole_blocks(self.end, ALIGNED)
+        self.end = self.width
+        self.place_homes(None)
+        for operand in dict.fromkeys((*kept, *read(packing))):
+            self.place(operand)
+        self.size = whole_blocks(self.end, ALIGNED)
+
+    def place_homes(self, wanted: dict[Operand, None] | None) -> None:
+        """Choose indices for the computed chunks that have none, and are in `wanted` as operands (or all, if None)."""
+        unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
+        for chunk in (*self.packing.computed, *unknowns):
+            if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
+                begin = self.room(len(chunk.values))
+                for lane, value in enumerate(chunk.values):
+                    self.homes.setdefault(value, begin + lane)
+                    self.repeated[begin + lane] = value
+                self.places[chunk.whole] = begin
+
+    def room(self, lanes: int) -> int:
+        """Reserve the indices of a vector of `lanes` values, and return the first one."""
+        begin = whole_blocks(self.end + self.first, min(lanes, ALIGNED)) - self.first
+        self.end = begin + lanes
+        return begin
+
+    def place(self, operand: Operand) -> None:
+        """Choose the index of an operand: where its values are adjacent and in order already, or a new index."""
+        if operand in self.places:
+            return
+        begin = self.homes.get(operand.values[0], NOWHERE)
+        if not operand.ranked and next(self.runs(operand)) == (0, begin, len(operand.values)) and begin != NOWHERE:
+            self.places[operand] = begin
+        else:
+            self.places[operand] = self.room(len(operand.values))
+            self.gathered[operand] = None
+
+    def runs(self, operand: Operand) -> Iterator[tuple[int, int, int]]:
+        """Yield the runs of adjacent values in an operand, as (first lane, index of its value, length).
+
+        A lane that is zero is in no run.
+        """
+        values, lane = operand.values, 0
+        while lane < len(values):
+            begin, count = self.homes.get(values[lane], NOWHERE), 1
+            while begin != NOWHERE and values[lane : lane + count + 1][count:] == (self.repeated.get(begin + count),):
+                count += 1
+            yield lane, begin, count
+            lane += count
+
+    def filled(self) -> dict[int, int]:
+        """Return the number of the value at each index that is read at order 0, in the row or by a rule."""
+        found = {place: value for place, value in self.repeated.items() if place < self.width}
+        initial = dict.fromkeys(self.packing.initial)
+        for operand, begin in self.places.items():
+            if not operand.ranked and (begin < self.width or operand in initial):
+                places = enumerate(operand.values, begin)
+                found |= {place: value for place, value in places if value != ZERO_LANE}
+        return found
+
+
+def read(packing: Packing) -> Iterator[Operand]:
+    """Return every operand that a rule or a solve reads at its own order, or at order 0."""
+    for chunk in packing.computed:
+        yield from arguments(chunk)
+        if chunk.sums:
+            yield chunk.whole
+    for stage in packing.stages:
+        yield from (operand for operand in stage.left if operand is not None)
+
+
+def arguments(chunk: Chunk) -> tuple[Operand, ...]:
+    """Return the arguments that the rule of a chunk reads at its own order, or at order 0."""
+    return () if chunk.op == "integral" else chunk.args
 
 
 class LoopedJet(LoopJet):
     """Builder of the procedure that computes a series in a loop over orders."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
-        layout, self.image = looped_layout(packing)
-        super().__init__(packing, numbers, layout)
-        self.parts: dict[tuple[str, int], Memory] = {}
+        program = packing.program
+        self.image = Image(packing, 10 * program.dimension)
+        scratch = whole_blocks(sum(system_size(stage.plan) for stage in program.stages), ALIGNED)
+        layout = TaylorLayout.of(program, self.image.width, scratch=scratch, by_rows=True)
+        super().__init__(packing, numbers, replace(layout, watched=0))
         self.arrays: dict[str, Memory] = {}
         self.vectors: dict[tuple[int, ...], int] = {}
         """Index of a chunk's coefficients among the stored constants, by their indices in the table."""
@@ -128,7 +224,7 @@ class LoopedJet(LoopJet):
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
         """Write the reciprocals of the values at order 0 by which chunks are divided."""
-        wanted = dict.fromkeys(operand for chunk in chunks if (operand := divisor(chunk)) is not None)
+        wanted = [operand for operand in dict.fromkeys(chunk.divisor for chunk in chunks) if operand is not None]
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
         place = 0
         for operand in wanted:
@@ -160,11 +256,6 @@ class LoopedJet(LoopJet):
     def array_of(self, place: int) -> Memory:
         """Return the array that contains the present order's value with index `place`."""
         return self.arrays["row" if place < self.image.width else "now"]
-
-    def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that all constants with the indices `places` equal, if known at compile time; else None."""
-        known = dict.fromkeys(self.program.numbers[place] for place in places)
-        return next(iter(known)) if len(known) == 1 else None
 
     # --- orders
 
@@ -280,12 +371,8 @@ class LoopedJet(LoopJet):
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
         """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
-        depth, begin = self.program.depth, 0
-        self.current = {
-            operand: None
-            for operand in self.current
-            if all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
-        }
+        begin = 0
+        self.current = {operand: None for operand in self.current if self.is_known(operand, place)}
         if found is None:
             return
         for chunk in stage.unknowns:
@@ -341,3 +428,66 @@ class LoopedJet(LoopJet):
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)
+
+
+class ChunkLane(ChunkAt):
+    """Inputs of the rule of a chunk for one lane, number i."""
+
+    series: LoopedJet
+
+    def __init__(self, series: LoopedJet, chunk: Chunk, i: Whole) -> None:
+        super().__init__(series, chunk)
+        self.i = i
+
+    def read(self, array: str, place: int) -> Real:
+        """Return this lane's number from the named array, at index `place`."""
+        number: Real = self.series.part_of(array, place)[self.i]
+        return number
+
+    def now(self, which: int) -> Term:
+        """Return argument `which` at the present order."""
+        return self.read("now", self.series.image.places[self.operand(which)])
+
+    def before(self, which: int) -> Term:
+        """Return argument `which` at the previous order."""
+        return self.read("previous", self.series.image.places[self.operand(which)])
+
+    def first(self, which: int) -> Real:
+        """Return argument `which` at order 0, or the value itself for OWN."""
+        return self.read("first", self.series.image.places[self.operand(which)])
+
+    def total(self, which: int) -> Term:
+        """Return sum number `which` over 0 < j < k."""
+        return self.read("totals", self.series.sums[self.chunk, which])
+
+    def over(self, which: int) -> Real:
+        """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
+        return self.read("reciprocals", self.series.divisors[self.operand(which)])
+
+    def constant(self, which: int) -> Real:
+        """Return coefficient `which` of the chunk's rule, in this lane."""
+        known = self.known(which)
+        if known is not None:
+            return self.p.real(known)
+        return self.read("constants", self.series.vectors[self.chunk.coefficients[which]])
+
+
+class ScatteredLane(ChunkLane):
+    """Inputs of one lane of a linear combination whose terms are not adjacent in memory."""
+
+    def __init__(self, series: LoopedJet, chunk: Chunk, lane: int) -> None:
+        super().__init__(series, chunk, series.k)
+        self.lane = lane
+
+    def now(self, which: int) -> Term:
+        """Return argument `which` at the present order."""
+        home = self.series.image.homes[self.chunk.args[which].values[self.lane]]
+        return self.series.array_of(home)[home]
+
+    def known(self, which: int) -> float | None:
+        """Return coefficient `which` of the rule if it is known at compile time, else None."""
+        return self.series.common((self.chunk.coefficients[which][self.lane],))
+
+    def constant(self, which: int) -> Real:
+        """Return coefficient `which` of the chunk's rule, in this lane."""
+        return self.series.constants[self.chunk.coefficients[which][self.lane]]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from lagrange.algorithm.blocks import whole_blocks
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.program.series import SeriesProgram, SeriesRule, Stage
+from lagrange.program.series import SUMS, SeriesProgram, SeriesRule, Stage
 
 Members = Sequence[int]
 
@@ -111,19 +111,18 @@ class Chunk:
     @cached_property
     def sums(self) -> tuple[tuple[Operand, Operand], ...]:
         """The sums over 0 < j < k of x[j] y[k-j] that the rule reads, as pairs (x, y)."""
-        if self.op in ("mul", "square"):
-            return ((self.args[0], self.args[-1]),)
-        if self.op in ("div", "inverse"):
-            return ((self.args[-1], self.whole),)
-        if self.op == "sqrt":
-            return ((self.whole, self.whole),)
-        if self.op == "power":
-            return ((Operand(self.args[0].values, ranked=True), self.whole), (self.args[0], self.whole))
-        if self.op == "along":
-            return ((Operand(self.args[0].values, ranked=True), self.args[1]),)
-        if self.op == "against":
-            return ((Operand(self.values, ranked=True), self.args[1]),)
-        return ()
+        whole = (*self.args, self.whole)
+        pairs = [[Operand(whole[f.argument].values, f.ranked) for f in pair] for pair in SUMS.get(self.op, ())]
+        return tuple((x, y) for x, y in pairs)
+
+    @property
+    def divisor(self) -> Operand | None:
+        """The operand whose value at order 0 divides the chunk, or None."""
+        if self.op in ("div", "against"):
+            return self.args[1]
+        if self.op in ("inverse", "power"):
+            return self.args[0]
+        return self.whole if self.op == "sqrt" else None
 
 
 @dataclass(frozen=True)

@@ -1,62 +1,66 @@
 """The rules of a series: the coefficient of a value at one order, from lower orders and from its arguments.
 
-`At` is the source of the coefficients of one value, or of a chunk of like values. None means exactly zero.
+`ChunkAt` has the inputs of a rule. None means exactly zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
-from lagrange.algorithm.series.packing import Chunk
+from lagrange.algorithm.series.packing import Chunk, Operand
 from lagrange.procedure.builder import Builder
+from lagrange.program.series import OWN
 
 Term = Any
 """A real, or several as a vector; None means zero."""
 
-OWN = -1
-"""Argument number that stands for the value itself."""
 
-
-class At(Protocol):
-    """Source of the inputs of a rule at one order k.
+class ChunkAt:
+    """Inputs of the rule of a chunk of like values, at the present order k of the builder of a `series`.
 
     `which` is the number of an argument, of a sum or of a coefficient of the rule. For an argument, `OWN` stands for
-    the value that the rule computes.
+    the chunk itself. `share(x)` is scale * x / k, with the unit of time as scale, and `part(x)` is x / k.
     """
 
-    p: Builder
-    chunk: Chunk
+    def __init__(self, series: Any, chunk: Chunk) -> None:
+        self.series, self.chunk = series, chunk
+        self.p: Builder = series.p
+        self.share, self.part = series.share, series.part
+
+    def operand(self, which: int) -> Operand:
+        """Return the operand that is argument `which`, or the chunk itself for OWN."""
+        return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def now(self, which: int) -> Term:
         """Return argument `which` at the present order."""
+        return self.series.now(self.operand(which))
 
     def before(self, which: int) -> Term:
         """Return argument `which` at the previous order."""
+        return self.series.before(self.operand(which))
 
     def first(self, which: int) -> Term:
-        """Return argument `which` at order 0, or the value itself for OWN."""
+        """Return argument `which` at order 0, or the chunk itself for OWN."""
+        first = self.series.first(self.operand(which))
+        return self.p.real(0.0) if first is None else first
 
     def total(self, which: int) -> Term:
         """Return sum number `which` of `Chunk.sums`, a sum of x[j] y[k-j] over 0 < j < k."""
+        return self.series.total(self.chunk, which)
 
     def over(self, which: int) -> Term:
-        """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
+        """Return the reciprocal at order 0 of argument `which`, or of the chunk itself for OWN."""
+        return self.series.over(self.operand(which))
 
     def known(self, which: int) -> float | None:
-        """Return coefficient `which` of the rule if it is known at compile time, else None."""
+        """Return coefficient `which` of the rule if it is known at compile time and equal in all lanes, else None."""
+        found: float | None = self.series.common(self.chunk.coefficients[which])
+        return found
 
     def constant(self, which: int) -> Term:
         """Return coefficient `which` of the rule."""
-
-    def share(self, x: Term) -> Term:
-        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
-
-    def part(self, x: Term) -> Term:
-        """Return x / k, where k is the order."""
-
-    def start(self) -> Term:
-        """Return the coefficient of time itself: the scale at k = 1, else 0."""
+        return self.series.constant(self.chunk.coefficients[which])
 
 
 def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
@@ -80,7 +84,7 @@ def plus(a: Term, b: Term) -> Term:
     return a + b
 
 
-def scaled(at: At, x: Term, which: int = 0) -> Term:
+def scaled(at: ChunkAt, x: Term, which: int = 0) -> Term:
     """Return x times coefficient `which` of the rule."""
     known = at.known(which)
     if x is None or known == 1.0:
@@ -88,12 +92,12 @@ def scaled(at: At, x: Term, which: int = 0) -> Term:
     return -x if known == -1.0 else x * at.constant(which)
 
 
-def coefficient(at: At) -> Term:
+def coefficient(at: ChunkAt) -> Term:
     """Return the coefficient of a value, or of a chunk, at the present order, computed by its rule."""
     return _RULES[at.chunk.op](at)
 
 
-def _linear(at: At) -> Term:
+def _linear(at: ChunkAt) -> Term:
     total: Term = None
     for which in range(len(at.chunk.args)):
         x, known = at.now(which), at.known(which)
@@ -110,7 +114,7 @@ def _linear(at: At) -> Term:
     return total
 
 
-def _mul(at: At) -> Term:
+def _mul(at: ChunkAt) -> Term:
     # The argument that is computed last is the first in a chunk, and is added last.
     a, b = at.now(0), at.now(1)
     total = at.total(0)
@@ -119,20 +123,11 @@ def _mul(at: At) -> Term:
     return total if a is None else fma(at.p, a, at.first(1), total)
 
 
-def _square(at: At) -> Term:
-    a, total = at.now(0), at.total(0)
-    return total if a is None else fma(at.p, a, at.first(0) * 2.0, total)
+def _square(at: ChunkAt) -> Term:
+    return fma(at.p, at.now(0), at.first(0) * 2.0, at.total(0))
 
 
-def _div(at: At) -> Term:
-    return _divided(at, less(at.now(0), at.total(0)), 1)
-
-
-def _inverse(at: At) -> Term:
-    return _divided(at, less(None, at.total(0)), 0)
-
-
-def _divided(at: At, left: Term, which: int) -> Term:
+def _divided(at: ChunkAt, left: Term, which: int) -> Term:
     """Return the coefficient u[k] = (left - b[k] * u[0]) / b[0] of a value u, where b is argument `which`."""
     last = at.now(which)
     if last is not None:
@@ -140,13 +135,13 @@ def _divided(at: At, left: Term, which: int) -> Term:
     return None if left is None else left * at.over(which)
 
 
-def _sqrt(at: At) -> Term:
+def _sqrt(at: ChunkAt) -> Term:
     left = less(at.now(0), at.total(0))
     found = None if left is None else left * (at.over(OWN) * 0.5)
     return _flat(at, at.first(OWN), found)
 
 
-def _flat(at: At, zeroed: Term, found: Term) -> Term:
+def _flat(at: ChunkAt, zeroed: Term, found: Term) -> Term:
     """Return the coefficient of a root or power: `found` if `zeroed`, a value at order 0, is not zero.
 
     If it is zero, the coefficient is 0 while the argument stays zero, else NaN.
@@ -157,7 +152,7 @@ def _flat(at: At, zeroed: Term, found: Term) -> Term:
     return p.choose(zeroed.equals(0.0), dead, p.real(0.0) if found is None else found)
 
 
-def _power(at: At) -> Term:
+def _power(at: ChunkAt) -> Term:
     """Return the coefficient of u = a**e at order k.
 
     a[0] u[k] = (e + 1) / k * (sum of j a[j] u[k-j]) - (sum of a[j] u[k-j]) + e a[k] u[0].
@@ -174,38 +169,34 @@ def _power(at: At) -> Term:
     return found if known is not None and known < 0 else _flat(at, at.first(0), found)
 
 
-def _integral(at: At) -> Term:
-    return scaled(at, at.share(at.before(0)))
-
-
-def _along(at: At) -> Term:
+def _along(at: ChunkAt) -> Term:
     total, now = at.part(at.total(0)), at.now(0)
     if now is not None:
         total = fma(at.p, now, at.first(1), total)
     return scaled(at, total)
 
 
-def _against(at: At) -> Term:
+def _against(at: ChunkAt) -> Term:
     left = less(at.now(0), at.part(at.total(0)))
     return None if left is None else left * at.over(1)
 
 
-def _choose(at: At) -> Term:
+def _choose(at: ChunkAt) -> Term:
     first, second = (at.p.real(0.0) if (x := at.now(which)) is None else x for which in range(2))
     return at.p.choose(~at.constant(0).equals(0.0), first, second)
 
 
-_RULES: Mapping[str, Callable[[At], Term]] = {
-    "time": lambda at: at.start(),
+_RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
+    "time": lambda at: at.series.start(),
     "constant": lambda at: None,
     "linear": _linear,
     "mul": _mul,
     "square": _square,
-    "div": _div,
-    "inverse": _inverse,
+    "div": lambda at: _divided(at, less(at.now(0), at.total(0)), 1),
+    "inverse": lambda at: _divided(at, less(None, at.total(0)), 0),
     "sqrt": _sqrt,
     "power": _power,
-    "integral": _integral,
+    "integral": lambda at: scaled(at, at.share(at.before(0))),
     "along": _along,
     "against": _against,
     "choose": _choose,

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import reduce
 
-from lagrange.algorithm.series.jet import JetBuilder, divided
+from lagrange.algorithm.series.jet import JetBuilder, divided, solved
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, Packing
-from lagrange.algorithm.series.rules import Term, coefficient, fma, plus
+from lagrange.algorithm.series.packing import Chunk, Operand, Packing
+from lagrange.algorithm.series.rules import ChunkAt, Term, coefficient, fma, plus
 from lagrange.algorithm.series.systems import ALL, system_size
-from lagrange.algorithm.series.value import ChunkAt, solved
 from lagrange.algorithm.series.vectors import gathered, of_width, put, width
 from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.algorithm.taylor.memory import TaylorLayout
@@ -30,13 +29,6 @@ members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for
 """
 
 
-def written_layout(packing: Packing) -> TaylorLayout:
-    """Return the layout of a series with single values, for exports and members."""
-    program = packing.program
-    scratch = sum(system_size(stage.plan) for stage in program.stages)
-    return TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
-
-
 class WrittenJet(JetBuilder):
     """Builder of the procedure for orders from `lowest` to `highest`. `x` has the values of each chunk by order."""
 
@@ -50,7 +42,10 @@ class WrittenJet(JetBuilder):
         layout: TaylorLayout | None = None,
     ) -> None:
         largest = ALL if packing.lanes > 1 else LARGEST_IN_LINE
-        super().__init__(packing, numbers, layout or written_layout(packing), largest)
+        if layout is None:
+            program, scratch = packing.program, sum(system_size(stage.plan) for stage in packing.program.stages)
+            layout = TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
+        super().__init__(packing, numbers, layout, largest)
         self.lowest, self.highest, self.k = lowest, highest, 0
         self.x: dict[tuple[Chunk, int], Term] = {}
         self.operands: dict[tuple[Operand, int], Term] = {}
@@ -97,17 +92,15 @@ class WrittenJet(JetBuilder):
 
     def know(self, place: int, found: Sequence[Term]) -> None:
         """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
-        depth = self.program.depth
-        for key in [key for key in self.operands if key[1] == self.k]:
-            if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
-                del self.operands[key]
+        for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], place)]:
+            del self.operands[key]
         for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Compute the coefficients of chunks at the present order."""
         for chunk in chunks:
-            self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
+            self.x[chunk, self.k] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def write(self) -> None:
         """Write the row of the present order. Zeros are written too, because other runs use the same memory."""
@@ -178,40 +171,34 @@ class WrittenJet(JetBuilder):
         high, low = reciprocal(self.k)
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
-
-class _WrittenAt(ChunkAt):
-    """Source of a chunk's coefficients for its rule, at an order that is printed without a loop."""
-
-    series: WrittenJet
-
-    def total(self, which: int) -> Term:
-        """Return sum number `which` of the rule, of x[j] y[k-j] over 0 < j < k. It is built once at each order."""
-        key = self.chunk, which, self.series.k
-        if key not in self.series.totals:
-            self.series.totals[key] = self.summed(*self.chunk.sums[which])
-        return self.series.totals[key]
+    def total(self, chunk: Chunk, which: int) -> Term:
+        """Return sum number `which` of the rule of a chunk. It is built once at each order."""
+        key = chunk, which, self.k
+        if key not in self.totals:
+            self.totals[key] = self.summed(*chunk.sums[which])
+        return self.totals[key]
 
     def summed(self, a: Operand, b: Operand) -> Term:
         """Return the sum of a[j] b[k-j] over 0 < j < k."""
-        k, p = self.series.k, self.p
+        k, p = self.k, self.p
         pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
         if a != b:
             return self.products(a, b, pairs)
         total = self.products(a, b, [j for j in pairs if 2 * j < k])
         total = plus(total, total)
-        middle = self.series.at(a, k // 2)
+        middle = self.at(a, k // 2)
         return fma(p, middle, middle, total) if k % 2 == 0 else total
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
         """Return the sum of a[j] * b[k-j] over the orders j in `pairs`, as partial sums of `PART` products."""
-        k, p = self.series.k, self.p
+        k, p = self.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
         for place, j in enumerate(pairs):
             if place == early:
                 parts = [reduce(plus, parts)]
             which = place % len(parts)
-            parts[which] = fma(p, self.series.at(a, j), self.series.at(b, k - j), parts[which])
+            parts[which] = fma(p, self.at(a, j), self.at(b, k - j), parts[which])
         return reduce(plus, parts)
 
 

@@ -20,48 +20,42 @@ from lagrange.program.step import LAWS, Damp, Solve, StepProgram
 
 @record
 class Effort:
-    """Record of the cost of a step."""
+    """Record of the cost of a step.
+
+    evaluations  Number of evaluations of the law.
+    residual     Size of the last correction, relative to the unknowns.
+    """
 
     evaluations: int
-    """Number of evaluations of the law."""
-
     residual: float
-    """Size of the last correction, relative to the unknowns."""
 
 
 @record
 class Newton:
-    """State of Newton's method for one solve, kept from step to step."""
+    """State of Newton's method for one solve, kept from step to step.
+
+    matrix_step     Length of the steps for which its matrix was built; 0 if the next step builds a new one.
+    differentiated  1 if the stored derivative of the law is valid for the next matrix.
+    rate            Contraction rate of the corrections.
+    noise           Size of corrections at rounding level, in units of the estimated rounding.
+    age             Number of steps since the matrix was built.
+    solved          1 if the unknowns of the trial step are computed.
+    tried_step      Length of the trial step.
+    old_step        Length of the previous step.
+    known           Number of previous steps from which the unknowns can be extrapolated.
+    order           Number of previous steps from which the unknowns are extrapolated.
+    """
 
     matrix_step: float
-    """Length of the steps for which its matrix was built; 0 if the next step builds a new one."""
-
     differentiated: int
-    """1 if the stored derivative of the law is valid for the next matrix."""
-
     rate: float
-    """Contraction rate of the corrections."""
-
     noise: float
-    """Size of corrections at rounding level, in units of the estimated rounding."""
-
     age: int
-    """Number of steps since the matrix was built."""
-
     solved: int
-    """1 if the unknowns of the trial step are computed."""
-
     tried_step: float
-    """Length of the trial step."""
-
     old_step: float
-    """Length of the previous step."""
-
     known: int
-    """Number of previous steps from which the unknowns can be extrapolated."""
-
     order: int
-    """Number of previous steps from which the unknowns are extrapolated."""
 
 
 EFFORT, NEWTON = form_of(Effort), form_of(Newton)

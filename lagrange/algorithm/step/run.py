@@ -21,73 +21,59 @@ undefined; a law is undefined if a matrix is singular.
 
 @record
 class Run:
-    """The real numbers in the state of a run; `Counts` has its counts and flags."""
+    """The real numbers in the state of a run; `Counts` has its counts and flags.
 
-    t: float
-    """Time of the state."""
-
-    end: float
-    """Time at which the run ends."""
-
-    h: float
-    """Length of the next step, signed; 0 if it has to be chosen."""
-
-    rtol: float
-    """Relative tolerance of an entry of the state, in a step."""
-
-    share: float
-    """Fraction of its size to which an accepted step raises the floor of an entry; 0 for floors that the user states.
+    t         Time of the state.
+    end       Time at which the run ends.
+    h         Length of the next step, signed; 0 if it has to be chosen.
+    rtol      Relative tolerance of an entry of the state, in a step.
+    share     Fraction of its size to which an accepted step raises the floor of an entry; 0 for floors that the user
+              states.
+    previous  Error norm of the previous step, for step control.
+    start     First time of the grid of equal steps.
+    step      Length of equal steps, signed.
+    cause     The `Outcome` for which the last trial was rejected.
+    longest   Largest length of all steps, without sign.
+    residual  Size of the last correction of an implicit step, relative to its unknowns.
     """
 
+    t: float
+    end: float
+    h: float
+    rtol: float
+    share: float
     previous: float
-    """Error norm of the previous step, for step control."""
-
     start: float
-    """First time of the grid of equal steps."""
-
     step: float
-    """Length of equal steps, signed."""
-
     cause: float
-    """The `Outcome` for which the last trial was rejected."""
-
     longest: float
-    """Largest length of all steps, without sign."""
-
     residual: float
-    """Size of the last correction of an implicit step, relative to its unknowns."""
 
 
 @record
 class Counts:
-    """The counts and flags of a run."""
+    """The counts and flags of a run.
+
+    steps         Number of accepted steps.
+    rejected      Number of rejected trial steps.
+    evaluations   Number of evaluations of the law.
+    slope_known   1 if the first slope of the next step is known.
+    rows          Number of rows that are written.
+    record        1 if accepted states are written as rows.
+    after_reject  Number of rejected trials directly before this one.
+    kept          0 if the data that a driver has stored belong to another run.
+    surveyed      Number of times that the run has returned as UNSCALED.
+    """
 
     steps: int
-    """Number of accepted steps."""
-
     rejected: int
-    """Number of rejected trial steps."""
-
     evaluations: int
-    """Number of evaluations of the law."""
-
     slope_known: int
-    """1 if the first slope of the next step is known."""
-
     rows: int
-    """Number of rows that are written."""
-
     record: int
-    """1 if accepted states are written as rows."""
-
     after_reject: int
-    """Number of rejected trials directly before this one."""
-
     kept: int
-    """0 if the data that a driver has stored belong to another run."""
-
     surveyed: int
-    """Number of times that the run has returned as UNSCALED."""
 
 
 RUN, COUNTS = form_of(Run), form_of(Counts)
@@ -103,36 +89,31 @@ def law_type(layout: Layout) -> Callee:
 
 @dataclass(frozen=True)
 class Running:
-    """The arguments of a procedure that takes steps of a run."""
+    """The arguments of a procedure that takes steps of a run.
+
+    jacobian            The derivative of the law.
+    constants           The parameters of the derivative.
+    floors              The absolute tolerance of each entry of the state, (dimension,).
+    newtons             The records of the solves of the step.
+    starters            The records of the solves of the starter.
+    work                The vectors of the step and the data of its solves; see `Layout`.
+    projection          The corrections of constraints; None without constraints.
+    projection_numbers  The parameters of the projection.
+    """
 
     law: Callable[..., Any]
     parameters: In
     jacobian: Callable[..., Any]
-    """The derivative of the law."""
-
     constants: In
-    """The parameters of the derivative."""
-
     run: Run
     counts: Counts
     floors: Out
-    """The absolute tolerance of each entry of the state, (dimension,)."""
-
     effort: Effort
     newtons: tuple[Newton, ...]
-    """The records of the solves of the step."""
-
     starters: tuple[Newton, ...]
-    """The records of the solves of the starter."""
-
     work: Out
-    """The vectors of the step and the data of its solves; see `Layout`."""
-
     projection: Any
-    """The corrections of constraints; None without constraints."""
-
     projection_numbers: Any
-    """The parameters of the projection."""
 
 
 def running(layout: Layout) -> Bundle:

@@ -184,26 +184,23 @@ GO_ON, LEAVE, WAIT = range(3)
 
 @dataclass(frozen=True)
 class InspectedStep:
-    """A Taylor step whose watched functions are to be searched for zeros."""
+    """A Taylor step whose watched functions are to be searched for zeros.
+
+    t      The time at which the step begins.
+    low    The rounding error of `t`.
+    scale  The unit of time of the series.
+    s      The length of the step in this unit.
+    left   Time from the beginning of the step to the end of the run.
+    final  True if the step ends at the end of the run.
+    """
 
     t: float
-    """The time at which the step begins."""
-
     low: float
-    """The rounding error of `t`."""
-
     scale: float
-    """The unit of time of the series."""
-
     rtol: float
     s: float
-    """The length of the step in this unit."""
-
     left: float
-    """Time from the beginning of the step to the end of the run."""
-
     final: bool
-    """True if the step ends at the end of the run."""
 
 
 @procedure(apart=True, watched=watched_type)

@@ -27,44 +27,40 @@ matrix.
 
 @record
 class TaylorState:
-    """The state of a run by Taylor series, in addition to the fields of `Run` and `Counts`."""
+    """The state of a run by Taylor series, in addition to the fields of `Run` and `Counts`.
+
+    low         Rounding error of the time (compensated summation).
+    scale       The unit of time of the series, signed.
+    next_limit  Bound of the next step, in time; or infinity.
+    limit       Bound of all further steps, set by rejected steps.
+    rescalings  Number of changes of the time unit in which the series of this step was computed again.
+    failures    Number of consecutive steps that the defect test rejected.
+    inspect     1 if the event functions must be inspected on the next step, even if their bounds exclude zeros.
+    """
 
     low: float
-    """Rounding error of the time (compensated summation)."""
-
     scale: float
-    """The unit of time of the series, signed."""
-
     next_limit: float
-    """Bound of the next step, in time; or infinity."""
-
     limit: float
-    """Bound of all further steps, set by rejected steps."""
-
     rescalings: int
-    """Number of changes of the time unit in which the series of this step was computed again."""
-
     failures: int
-    """Number of consecutive steps that the defect test rejected."""
-
     inspect: int
-    """1 if the event functions must be inspected on the next step, even if their bounds exclude zeros."""
 
 
 @record
 class Held:
-    """Record of the start of the last step, to which a rejected step returns. Its state is in the work array."""
+    """Record of the start of the last step, to which a rejected step returns. Its state is in the work array.
+
+    unproven  1 until the last step has passed the defect test.
+    low       Rounding error of the time.
+    h         Length of the step.
+    """
 
     unproven: int
-    """1 until the last step has passed the defect test."""
-
     t: float
     low: float
-    """Rounding error of the time."""
-
     scale: float
     h: float
-    """Length of the step."""
 
 
 @record
@@ -72,13 +68,13 @@ class OutputCounts:
     """Counts of the output times whose states are written.
 
     Output times are sorted along the run, and end with NaN.
+
+    done   Number of output times whose states are written, on proven steps.
+    ahead  The same number including the last step, which is not proven yet.
     """
 
     done: int
-    """Number of output times whose states are written, on proven steps."""
-
     ahead: int
-    """The same number including the last step, which is not proven yet."""
 
 
 TAYLOR, HELD, OUTPUTS = form_of(TaylorState), form_of(Held), form_of(OutputCounts)

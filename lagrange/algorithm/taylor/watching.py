@@ -34,66 +34,51 @@ from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, fo
 
 @record
 class Watch:
-    """State of the search for zeros. Each index is that of a watched function."""
+    """State of the search for zeros. Each index is that of a watched function.
+
+    enabled       1 if steps are taken, 0 if the driver must return because the caller still has to change the motion.
+    fresh         1 at the start of a motion whose sides are not determined yet.
+    hides_growth  1 if a series may hide growth: every step is inspected, and is only as long as the series prove to be
+                  accurate.
+    steep         1 if powers above the order are watched: at the end of every step their series are compared with the
+                  functions.
+    surfaces      Number of switching surfaces.
+    changing      1 if some watched function may change the motion or end the run.
+    room          Largest number of events that the arrays can hold.
+    done          Number of written events.
+    ahead         Number of written events, including those on the step that is not proven yet.
+    due           Number of functions that are zero at the end of the last step, if one of them changes the motion; else
+                  0.
+    limiting      Index of the function whose series limits a step that is left to the caller.
+    jumps         Number of resets of the state.
+    checked       1 if the caller must check the state after a reset.
+    unproven      1 if the sides before the unproven step are saved; then the present sides are those at its end.
+    combination   The present sides as a binary number: 1 for above, the first surface in the lowest digit; or -1.
+    numbers       Index at which the prepared numbers for the present sides begin.
+    switches      Number of written changes of sides.
+    changed       Time of the last change of the motion.
+    changed_at    Index of the function that was zero then.
+    """
 
     enabled: int
-    """1 if steps are taken, 0 if the driver must return because the caller still has to change the motion."""
-
     fresh: int
-    """1 at the start of a motion whose sides are not determined yet."""
-
     hides_growth: int
-    """1 if a series may hide growth: every step is inspected, and is only as long as the series prove to be accurate.
-    """
-
     steep: int
-    """1 if powers above the order are watched: at the end of every step their series are compared with the functions.
-    """
-
     surfaces: int
-    """Number of switching surfaces."""
-
     changing: int
-    """1 if some watched function may change the motion or end the run."""
-
     room: int
-    """Largest number of events that the arrays can hold."""
-
     done: int
-    """Number of written events."""
-
     ahead: int
-    """Number of written events, including those on the step that is not proven yet."""
-
     due: int
-    """Number of functions that are zero at the end of the last step, if one of them changes the motion; else 0."""
-
     limiting: int
-    """Index of the function whose series limits a step that is left to the caller."""
-
     jumps: int
-    """Number of resets of the state."""
-
     checked: int
-    """1 if the caller must check the state after a reset."""
-
     unproven: int
-    """1 if the sides before the unproven step are saved; then the present sides are those at its end."""
-
     combination: int
-    """The present sides as a binary number: 1 for above, the first surface in the lowest digit; or -1."""
-
     numbers: int
-    """Index at which the prepared numbers for the present sides begin."""
-
     switches: int
-    """Number of written changes of sides."""
-
     changed: float
-    """Time of the last change of the motion."""
-
     changed_at: int
-    """Index of the function that was zero then."""
 
 
 WATCH = form_of(Watch)
