@@ -12,7 +12,7 @@ import numpy as np
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.members.queue import LANE
-from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.loops import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix

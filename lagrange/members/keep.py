@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange.algorithm.members.along import END_SLOPE_AT, RISE, SIGNS, lobatto
-from lagrange.algorithm.members.extremum import largest_between
+from lagrange.algorithm.members.along import END_SLOPE_AT, RISE, SIGNS, largest_between, lobatto
 from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model

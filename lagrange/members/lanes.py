@@ -19,7 +19,7 @@ from lagrange.algorithm.members.along import Sampled, table_of_points
 from lagrange.algorithm.members.occurrences import TaylorEvents
 from lagrange.algorithm.members.paths import MemberDenseOutput
 from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
-from lagrange.algorithm.members.step_review import StepEvents
+from lagrange.algorithm.members.step_occurrences import StepEvents
 from lagrange.algorithm.members.steps import StepMembers
 from lagrange.algorithm.members.taylor import TaylorMembers
 from lagrange.algorithm.outcome import Outcome

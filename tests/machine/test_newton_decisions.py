@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.newton.constants import (
+from lagrange.algorithm.newton.convergence import (
     DIVERGENCE_GROWTH,
     DIVERGENCE_RATE,
     FEW_CORRECTIONS,
@@ -29,8 +29,8 @@ from lagrange.algorithm.newton.constants import (
     STAGNATION_NORM,
     STAGNATION_RATE,
     TOLERANCE_FRACTION,
+    assess_correction,
 )
-from lagrange.algorithm.newton.convergence import assess_correction
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import NEWTON
 from lagrange.machine.llvm.engine import Module

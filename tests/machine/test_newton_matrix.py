@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.algorithm.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
+from lagrange.algorithm.newton.matrix import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.algorithm.step.memory import Kept
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model

@@ -12,8 +12,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.algorithm.members.along import lobatto
-from lagrange.algorithm.members.extremum import largest_between
+from lagrange.algorithm.members.along import largest_between, lobatto
 from lagrange.machine.printed_run import called
 from lagrange.members import job
 

@@ -17,10 +17,9 @@ from lagrange.algorithm.members.queue import (
     copy_state,
     move_to,
 )
-from lagrange.algorithm.members.step_occurrences import ReviewArguments, StepEventSearch
-from lagrange.algorithm.members.step_review import StepEvents
+from lagrange.algorithm.members.step_occurrences import ReviewArguments, StepEvents, StepEventSearch
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.loops import steps_of
 from lagrange.algorithm.step.memory import Effort, Layout
 from lagrange.algorithm.step.run import Running
 from lagrange.algorithm.taylor.memory import OutputCounts

@@ -9,27 +9,68 @@ from __future__ import annotations
 
 import math
 
-from lagrange.algorithm.newton.constants import (
-    DIVERGENCE_GROWTH,
-    DIVERGENCE_RATE,
-    FEW_CORRECTIONS,
-    FRESH_RATE,
-    LARGEST_MATRIX_AGE,
-    LARGEST_RATE,
-    LEAST_RATE,
-    MATRIX_AGE,
-    NOISE_DECAY,
-    RATE_INCREASE,
-    ROUND_OFF_FRACTION,
-    SLOW_RATE,
-    STAGNATION_NORM,
-    STAGNATION_RATE,
-    TOLERANCE_FRACTION,
-)
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Newton
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import larger, smaller
+
+MATRIX_AGE = 3
+"""A matrix may be rebuilt after this many corrections of one step, or after this many steps."""
+
+ROUND_OFF_FRACTION = 2.0**-6
+"""Largest error of an unknown after an equal step, as a fraction of its rounding error. The remainder has the same sign
+at every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
+more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
+iteration.
+"""
+
+TOLERANCE_FRACTION = 0.02
+"""Error of Newton's method in steps with error control, as a fraction of the tolerance."""
+
+SLOW_RATE = 0.25
+"""Rebuild the matrix when the contraction rate exceeds this."""
+
+DIVERGENCE_RATE = 0.9
+"""With error control, shorten the step when the contraction rate exceeds this."""
+
+RATE_INCREASE, LARGEST_RATE = 1.2, 0.9
+"""A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by the first
+number per step, up to the second number.
+"""
+
+LEAST_RATE = 1e-4
+"""Lower bound of the stored contraction rate: one good correction does not predict the next one."""
+
+FRESH_RATE = 1e-3
+"""With error control, the next step begins with a new matrix when the contraction rate exceeds this.
+
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+"""
+
+FEW_CORRECTIONS = 2
+"""If an equal step needs more corrections than this, the next step begins with a new matrix."""
+
+LARGEST_MATRIX_AGE = 64
+"""Rebuild the matrix of equal steps after this many steps, even if it converges.
+
+Otherwise a matrix that has become singular would not be noticed.
+"""
+
+STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
+"""With a new matrix, corrections are round-off when their rate exceeds the second number and their norm is below the
+first.
+
+The norm is in units of the estimated round-off.
+"""
+
+DIVERGENCE_GROWTH = 2.0
+"""Give up when large corrections grow by this factor with a new matrix.
+
+The iteration might end at another root.
+"""
+
+NOISE_DECAY = 0.9
+"""The observed round-off level decays by this factor per step."""
 
 
 @procedure

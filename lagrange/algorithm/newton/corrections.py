@@ -12,17 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.newton.constants import (
-    LARGE_CORRECTION,
-    LARGEST_CORRECTION,
-    LARGEST_DISTANCE,
-    MATRIX_AGE,
-    MOST_CORRECTIONS,
-    MOST_CORRECTIONS_ADAPTIVE,
-    UNIT_ROUND_OFF,
-)
-from lagrange.algorithm.newton.convergence import assess_correction, request_matrix
-from lagrange.algorithm.newton.matrix import build_matrix
+from lagrange.algorithm.newton.convergence import MATRIX_AGE, assess_correction, request_matrix
+from lagrange.algorithm.newton.matrix import UNIT_ROUND_OFF, build_matrix
 from lagrange.algorithm.newton.prediction import predict
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, SolveLayout
@@ -31,6 +22,26 @@ from lagrange.algorithm.step.vectors import StepVectors, plus, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, unrolled
+
+MOST_CORRECTIONS = 50
+"""Largest number of corrections of an equal step; then Newton's method has not converged."""
+
+MOST_CORRECTIONS_ADAPTIVE = 10
+"""Largest number of corrections of a step with error control, which can be shortened instead."""
+
+LARGEST_CORRECTION = 1e150
+"""A weighted correction above this counts as not finite."""
+
+LARGE_CORRECTION = 0.25
+"""If the law is not finite after a correction of more than this fraction of the unknowns, the step has diverged. After
+a smaller correction the motion itself has left the domain of the law.
+"""
+
+LARGEST_DISTANCE = 8.0
+"""Largest sum of the corrections of an equal step, as a multiple of the first size estimate. The estimate is the size
+of the terms of the residuals, multiplied by the inverse. Newton's first correction is at most that large, and
+corrections that converge decrease. A larger sum leads to another root, or to none.
+"""
 
 UNROLLED_PRODUCT = 64
 """Largest number of blocks for which the product of a matrix and a vector is written out."""

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lagrange.algorithm.linear.gauss_jordan import invert_matrix, row_stride
-from lagrange.algorithm.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, SolveLayout
 from lagrange.algorithm.step.run import Running, running
@@ -20,6 +19,11 @@ from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrolled
 from lagrange.program.step import LAWS, Combination, LawCall
+
+UNIT_ROUND_OFF, LEAST_ROUND_OFF = 2.0**-52, 1e-100
+"""The unit of rounding, in which corrections of equal steps are measured. The second number is added to the estimated
+rounding error of an unknown. So an unknown that is zero, such as a coordinate at rest, has a finite weight.
+"""
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
 """For laws of momenta: the matrix that must be regular, as rows of blocks (result, argument). It is M = dp/dv, and with

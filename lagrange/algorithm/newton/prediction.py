@@ -6,8 +6,7 @@ polynomial through k values. The k-th difference at the next step is the error o
 
 from __future__ import annotations
 
-from lagrange.algorithm.newton.constants import HISTORY, ORDERS
-from lagrange.algorithm.step.memory import Layout, Newton, SolveLayout, work_array
+from lagrange.algorithm.step.memory import HISTORY, ORDERS, Layout, Newton, SolveLayout, work_array
 from lagrange.algorithm.step.run import Running
 from lagrange.algorithm.step.vectors import copy_vector, vectors_of
 from lagrange.procedure.front.plain import inline, procedure

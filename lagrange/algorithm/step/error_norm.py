@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lagrange.algorithm.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY, ROUNDED
+from lagrange.algorithm.step.constants import LEAST_FLOOR, MOST_SURVEYS
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.step.run import Running, running
 from lagrange.procedure.front.plain import inline, procedure
@@ -19,6 +19,20 @@ from lagrange.procedure.front.vocabulary import (
     unrolled,
 )
 from lagrange.program.step import Control
+
+REJECTIONS_BEFORE_SURVEY = 3
+"""Number of consecutive rejections after which a driver asks for the sizes of the entries. It also asks after one
+rejection if a step moved an entry that was zero and has no floor. A Taylor driver, whose steps are rejected rarely,
+asks at the second, fourth, eighth, ... rejection of a run.
+"""
+
+ROUNDED = 2.0**-46
+"""An entry may be rounding if its tolerance is below this fraction of the largest entry of its kind: 128 units of
+rounding. Kinds are coordinates and velocities. `rounding_noise` then computes whether it is rounding.
+"""
+
+DAMPING = 0.01
+"""Weight of the second error vector's sum of squares in the norm of DOP853."""
 
 
 @procedure(given=running)

@@ -12,13 +12,9 @@ from __future__ import annotations
 import math
 
 from lagrange.algorithm.step.constants import (
-    CANCELLATION,
-    CANCELLATION_DOMINANCE,
     DEFAULT_FIRST,
     FIRST_SHARE,
     FIRST_TRIAL,
-    LEAST_FIRST,
-    LEAST_SPACINGS,
     RELATIVE_PERTURBATION,
     SLOPE_NOISE,
     SPACING,
@@ -30,6 +26,26 @@ from lagrange.algorithm.step.vectors import copy_vector
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
 from lagrange.program.step import LAWS, Control
+
+CANCELLATION = 2.0**-12
+"""An acceleration may be rounding of cancelling terms if it is below this fraction of its sensitivity. The sensitivity
+is the change of the acceleration when each entry of the state changes by about its size.
+"""
+
+CANCELLATION_DOMINANCE = 16.0
+"""Accelerations that may be rounding must not determine the first step. If their squared rate exceeds this multiple of
+that of the others, the sizes of the entries are estimated.
+"""
+
+LEAST_FIRST = 2.0**-44
+"""Least floor of an entry that is zero, as a fraction of its change in the first step. Newton's method has to converge
+below the floor.
+"""
+
+LEAST_SPACINGS = 64.0
+"""The first step is at least this multiple of the shortest step. It is only an estimate, and must not end the run as
+too small.
+"""
 
 NEEDS_SIZES = -1.0
 """Result if the caller has to estimate the sizes of the entries first."""

@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.linear.gauss_jordan import row_stride
-from lagrange.algorithm.newton.constants import HISTORY
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.vocabulary import form_of, record
 from lagrange.program.step import LAWS, Damp, Solve, StepProgram
+
+ORDERS = (1, 3, 6, 12)
+"""Numbers of past steps from which the unknowns of equal steps may be extrapolated. The number with the least error is
+used: 12 for steps that are short compared with the motion, few for long steps and for unknowns at rounding level.
+"""
+
+HISTORY = ORDERS[-1]
+"""Number of past steps whose unknowns are stored."""
 
 
 @record

@@ -18,7 +18,7 @@ from lagrange.algorithm.events.halving import sign_of
 from lagrange.algorithm.events.polynomial import approach, inverse_cubic, pad
 from lagrange.algorithm.events.scaling import is_plain, is_plain_step
 from lagrange.algorithm.step.run import FUNCTION
-from lagrange.algorithm.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
+from lagrange.algorithm.taylor.constants import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.algorithm.taylor.memory import TaylorLayout, row, work_type
 from lagrange.algorithm.taylor.watching import (
     NEAR,
@@ -53,6 +53,20 @@ from lagrange.procedure.front.vocabulary import (
     smaller,
     unrolled,
 )
+
+EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
+"""Noise of an event function, as a multiple of its change under a perturbation of the state. It is the rounding of the
+state, here and at the end of the last step, divided by the relative perturbation (half of the digits).
+"""
+
+BALANCE = 256.0
+"""Bound for an event function on a step that the series does not limit: the largest ratio of its higher terms, which
+grow with the square of time or faster, to its lower terms. It costs two digits of the roots; runs then take a few more
+steps.
+"""
+
+DOUBT = 64 * 2.0**-52
+"""A coefficient of an event function is zero if it is below this fraction of the sum of all coefficients."""
 
 
 @procedure(

@@ -12,7 +12,7 @@ from typing import Any
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.taylor.constants import EVENT_SLACK, LEAST_PART
+from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
@@ -68,6 +68,9 @@ from lagrange.procedure.front.vocabulary import (
     smaller,
     unlikely,
 )
+
+LEAST_PART = 2.0**-70
+"""A step shorter than this fraction of the rest of the run makes no progress."""
 
 SEARCH_MARGIN = 1 / 64
 """Least fraction of a step by which the search continues after the first zero that changes the motion."""

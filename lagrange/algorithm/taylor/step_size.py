@@ -12,17 +12,7 @@ import math
 from collections.abc import Sequence
 
 from lagrange.algorithm.step.constants import LEAST_FLOOR
-from lagrange.algorithm.taylor.constants import (
-    GUARD,
-    LARGEST_STEP_EXPONENT,
-    LOWEST_ORDER,
-    RADIUS_FRACTION,
-    ROW_DISTANCE,
-    ROWS_USED,
-    START_ROWS,
-    ZERO,
-    ZERO_BOUND,
-)
+from lagrange.algorithm.taylor.constants import LOWEST_ORDER, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.algorithm.taylor.memory import (
     TaylorLayout,
     floors_type,
@@ -51,6 +41,36 @@ from lagrange.procedure.front.vocabulary import (
     unlikely,
     unrolled,
 )
+
+START_ROWS = 4
+"""Number of rows after the first from which the size of an entry that is zero at the start of a run is estimated. The
+fourth derivative includes one coupling between coordinates. Entries whose series begin later have no estimate.
+"""
+
+ROWS_USED = 6
+GUARD = 0.25
+"""Margin of the step beyond the guard, in binary digits. The step follows the last two rows; the `ROWS_USED - 2` rows
+before them are the guard. From rest every other coefficient is zero, and the last nonzero one may be small by chance.
+Row k of a series of radius r gives the estimate r tolerance**(1/k). The step may exceed this estimate by a quarter of a
+binary digit, because the rows of an entire function decrease faster and faster.
+
+Rows below half of the order are not used. If a velocity is zero, its tolerance is relative to its first coefficient,
+and the estimate is the unit of time, which follows the step. At order 4 and a tolerance of 1e-12 no step would be long
+enough. An order that is low for the tolerance would take steps like tolerance**(1/(p - 1)), from the row before the
+last: 18 times as many as tolerance**(1/p) at order 4 and 1e-15. Then the radius of that row is used at the last order,
+less GUARD.
+"""
+
+ZERO, ZERO_BOUND = -900.0, -800.0
+"""Powers of two, relative to the tolerance: the stand-in for zero in a logarithm, and the bound below which a
+coefficient is zero. In a suitable scale the last coefficients are within 2**(LARGEST_SCALE_RATIO * order) of the
+tolerance, 2**640 at order 64. So the bound excludes zeros only.
+"""
+
+LARGEST_STEP_EXPONENT = 900.0
+"""log2 of the longest step, in units of the scale. A series that terminates may allow a step beyond the range of
+doubles.
+"""
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
