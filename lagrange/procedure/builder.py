@@ -4,8 +4,8 @@ p = Builder("norm", "The scaled size of an error.")
 error, scale = p.array("error", size=n), p.array("scale", size=n)
 with p.each(n) as i:
     ratio = error[i] / scale[i]
-    total = p.sum(ratio * ratio)
-p.leave(p.sqrt(total.value / float(n)))
+    total = p.fold("add", ratio * ratio)
+p.leave(p.sqrt(total / float(n)))
 norm = p.finish(REAL)
 """
 
@@ -36,18 +36,6 @@ from lagrange.procedure.form import (
 )
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
 from lagrange.procedure.verify import verify
-
-
-class Folded:
-    """The result of a reduction, such as a sum, in an `each` loop. Its value is available after the loop."""
-
-    def __init__(self, builder: Builder, ref: int) -> None:
-        self._builder, self._ref = builder, ref
-
-    @property
-    def value(self) -> Real:
-        """Result of the reduction over all iterations."""
-        return Real(self._builder, self._ref)
 
 
 class GivenFunction:
@@ -362,7 +350,7 @@ class Builder:
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
         """Run the body for each index below `count`, in any order.
 
-        The body may use `sum` and `largest`. `form.Each` defines the options.
+        The body may use `fold`. `form.Each` defines the options.
         """
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
@@ -373,33 +361,16 @@ class Builder:
         self.add(form.Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))
         self._folds = None
 
-    def sum(self, value: Real) -> Folded:
-        """Return the sum of a value over the iterations of the enclosing `each`, in the order of `form.Fold`."""
-        return self._fold("add", value)
+    def fold(self, op: str, value: Any, factor: Any = None) -> Real:
+        """Return the reduction `op` of a value over the iterations of the enclosing `each`, as `form.Fold` defines it.
 
-    def dot(self, a: Real, b: Real) -> Folded:
-        """Return the sum of a*b over the iterations of the enclosing `each`, in the order of `form.Fold`."""
-        return self._fold("dot", a, self.operand(b, REAL))
-
-    def largest(self, value: Real, *, numbers: bool = False) -> Folded:
-        """Return the largest value over the iterations of the enclosing `each`.
-
-        The result is NaN if any value is NaN. With `numbers`, NaN values are ignored.
+        "dot" is the sum of value * factor. The result is known after the loop.
         """
-        return self._fold("most" if numbers else "max", value)
-
-    def largest_magnitude(self, value: Real) -> Folded:
-        """Return the largest |value| over the iterations of the enclosing `each`.
-
-        The result is NaN if any value is NaN, and 0 without iterations.
-        """
-        return self._fold("magnitude", value)
-
-    def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
-        self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), factor))
-        return Folded(self, self._folds[-1].ref)
+        other = None if factor is None else self.operand(factor, REAL)
+        self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), other))
+        return Real(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
         """Call another procedure, and return its results: None, a value or a tuple of values."""

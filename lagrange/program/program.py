@@ -17,35 +17,16 @@ from lagrange.errors import LagrangeError
 from lagrange.program.elimination import Elimination, elimination
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
+GIVEN = ("time", "state", "parameter", "constant")
+"""Operations that read an input or a constant and compute nothing."""
+
 ARITY: dict[str, int | None] = {
-    "time": 0,
-    "state": 0,
-    "parameter": 0,
-    "constant": 0,
-    "neg": 1,
-    "add": 2,
-    "sub": 2,
-    "mul": 2,
-    "div": 2,
-    "fma": 3,
-    "sqrt": 1,
-    "power": 2,
-    **dict.fromkeys(ELEMENTARY, 1),
-    "atan2": 2,
-    "abs": 1,
-    "sign": 1,
-    "min": 2,
-    "max": 2,
-    "less": 2,
-    "less_equal": 2,
-    "equal": 2,
-    "and": 2,
-    "or": 2,
-    "not": 1,
-    "select": 3,
-    "factor": None,
-    "solve": None,
-    "component": 1,
+    **dict.fromkeys(GIVEN, 0),
+    **dict.fromkeys(("neg", "sqrt", *ELEMENTARY, "abs", "sign", "not", "component"), 1),
+    **dict.fromkeys(("add", "sub", "mul", "div", "power", "atan2", "min", "max"), 2),
+    **dict.fromkeys(("less", "less_equal", "equal", "and", "or"), 2),
+    **dict.fromkeys(("fma", "select"), 3),
+    **dict.fromkeys(("factor", "solve")),
 }
 """Every operation and its number of operands (None: any).
 
@@ -55,8 +36,6 @@ vector. If a matrix cannot be factored, the whole evaluation is marked as singul
 """
 
 PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
-GIVEN = ("time", "state", "parameter", "constant")
-"""Operations that read an input or a constant and compute nothing."""
 
 
 class Instruction(NamedTuple):

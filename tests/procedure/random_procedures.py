@@ -224,11 +224,11 @@ class RandomProcedure:
             self.data[i] = p.choose(value < outside, inside.value, -value)
             # A product with -1 is exact, so that it does not matter whether it is rounded before it is added.
             factor = inside.value if self.fused else p.constant(-1.0, REAL)
-            sums = [p.sum(value), p.dot(value, factor)] if self.random.random() < 0.5 else []
-            largest = [p.largest(abs(value)), p.largest(value, numbers=True), p.largest_magnitude(value)]
+            sums = [p.fold("add", value), p.fold("dot", value, factor)] if self.random.random() < 0.5 else []
+            largest = [p.fold("max", abs(value)), p.fold("most", value), p.fold("magnitude", value)]
             folded = [*sums, *largest]
         for one in folded:
-            self.keep(one.value)
+            self.keep(one)
 
     def while_small(self, depth: int) -> None:
         p, counted = self.p, self.p.variable(0)

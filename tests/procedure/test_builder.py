@@ -171,11 +171,11 @@ def place_of_a_turn(p: Builder) -> None:
 def sum_without_room(p: Builder) -> None:
     n, memory = p.given("n", WHOLE), p.array("memory")
     with p.each(n) as i:
-        p.sum(memory[i])
+        p.fold("add", memory[i])
 
 
 def sum_outside(p: Builder) -> None:
-    p.sum(p.given("x", REAL))
+    p.fold("add", p.given("x", REAL))
 
 
 def turn_in_a_turn(p: Builder) -> None:
@@ -274,8 +274,8 @@ def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
     p = Builder("size", "The largest |x|.")
     n, x = p.given("n", WHOLE), p.array("x", room=4, read=True)
     with p.each(n) as i:
-        size = p.largest_magnitude(x[i])
-    p.leave(size.value, p.magnitude(x[0], x[1]))
+        size = p.fold("magnitude", x[i])
+    p.leave(size, p.magnitude(x[0], x[1]))
     made = p.finish(REAL, REAL)
     for call in (lambda *given: run(made, *given), loaded(made)):
         assert call(3, [2.0, -3.0, 1.0]) == (3.0, 3.0)

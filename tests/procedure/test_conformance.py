@@ -105,8 +105,8 @@ def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
     p = Builder("scalar_product", "The sum of products.")
     n, a, b = p.given("n", WHOLE), p.array("a", room=4, read=True), p.array("b", room=4, read=True)
     with p.each(n if count is None else count) as i:
-        total = p.dot(a[i], b[i])
-    p.leave(total.value)
+        total = p.fold("dot", a[i], b[i])
+    p.leave(total)
     procedure = p.finish(REAL)
     small = [(3 + i) * 2.0**-30 for i in range(16)]
     numbers = [1 + x for x in small], [(-1) ** (i // 4) * (1 - x) for i, x in enumerate(small)]

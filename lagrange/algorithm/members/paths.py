@@ -91,6 +91,15 @@ class MemberDenseOutput:
         return law_of_column.form(law=self.law)
 
 
+@dataclass(frozen=True)
+class PathMemory:
+    """Memory of the polynomial of a step: the step, work memory, and the coefficients `c`."""
+
+    step: OwnStep
+    work: Out
+    c: Out
+
+
 @dataclass(frozen=True, eq=False)
 class MemberStepPath:
     """The polynomial of one step of a member: a kind of dense output, and its procedure for a right-hand side."""
@@ -121,28 +130,11 @@ class MemberStepPath:
         arguments = dict(zip(names, (numbers, table, *layout, own, beside, work, out), strict=True))
         generated(self.procedure, *[arguments[parameter.name] for parameter in self.procedure.parameters])
 
-
-@dataclass(frozen=True)
-class PathMemory:
-    """Memory of the polynomial of a step: the step, work memory, and the coefficients `c`."""
-
-    step: OwnStep
-    work: Out
-    c: Out
-
-
-class MemberPath:
-    """The polynomials of the steps of members; the same as in single runs."""
-
-    def __init__(self, dense: MemberDenseOutput, dimension: int) -> None:
-        self.kind, self.dimension = dense.kind, dimension
-        self.path = MemberStepPath.of(dense.kind, dense.column, dimension, "path_")
-
     @inline
     def memory(self) -> PathMemory:
         """Return memory for the polynomial of a step."""
         own = reals(block_size(self.dimension, 1), room=WIDEST_VECTOR)
-        work = reals(self.path.size, room=WIDEST_VECTOR)
+        work = reals(self.size, room=WIDEST_VECTOR)
         c = reals((self.kind.degree + 1) * self.dimension, room=WIDEST_VECTOR)
         return PathMemory(steps_in(own, self.dimension, 1), work, c)
 
@@ -150,7 +142,7 @@ class MemberPath:
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
         """Write the polynomial of the step. `table` are coefficients of the method, `numbers` those of the law."""
         own = memory.step.memory
-        self.path.write((numbers, table), 1, own, own, memory.work, memory.c)
+        self.write((numbers, table), 1, own, own, memory.work, memory.c)
 
 
 @procedure

@@ -7,7 +7,13 @@ from typing import Any
 
 from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT
-from lagrange.algorithm.members.paths import MemberDenseOutput, MemberPath, PathMemory, polynomial_path, states_on_step
+from lagrange.algorithm.members.paths import (
+    MemberDenseOutput,
+    MemberStepPath,
+    PathMemory,
+    polynomial_path,
+    states_on_step,
+)
 from lagrange.algorithm.members.queue import (
     Member,
     MemberJob,
@@ -76,7 +82,7 @@ class StepMembers(MemberMethod):
         self.steps = steps_of(self.layout)
         self.takes_all = dense is None and step.control is None
         """True if all steps are taken in one call."""
-        self.path = None if dense is None else MemberPath(dense, dimension)
+        self.path = None if dense is None else MemberStepPath.of(dense.kind, dense.column, dimension, "path_")
         whole = polynomial_path.form(entries=tuple(range(dimension)), dimension=dimension)
         self.outputs = bound(states_on_step.form(), {"path": whole}, prefix="path_")
         self.search = None if dense is None or events is None else StepEventSearch(events, dense, dimension)
@@ -130,7 +136,7 @@ class StepMembers(MemberMethod):
         return outcome
 
     @inline
-    def follow(self, path: MemberPath, job: MemberJob, member: Member, index: int) -> int:
+    def follow(self, path: MemberStepPath, job: MemberJob, member: Member, index: int) -> int:
         """Follow an accepted step: events on it, states at output times, and expressions along it.
 
         Return PAUSED or, if an event ends the run, its outcome.

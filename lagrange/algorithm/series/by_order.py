@@ -14,7 +14,7 @@ from lagrange.algorithm.series.jet import LoopJet, solved
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Chunk, Operand, PackedStage, Packing
 from lagrange.algorithm.series.rules import ChunkAt, Term, coefficient
-from lagrange.algorithm.series.systems import system_size
+from lagrange.algorithm.series.systems import Diagonal, Inverse, system_size
 from lagrange.algorithm.series.vectors import OrderSums, Pair, entries, gathered, of_width, put, wide
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.procedure.form import FLAG, Procedure
@@ -73,7 +73,9 @@ class ByOrderJet(LoopJet):
             if operand is not None:
                 self.reciprocals[operand] = 1.0 / self.at_zero(operand)
         for system, stage in zip(self.systems, packing.stages, strict=True):
-            system.read(stage.rows)
+            if isinstance(system, (Diagonal, Inverse)):
+                # The entries are gathered to vectors before the loop over orders.
+                system.read(stage.rows)
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
         sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width)
         self.write_first()

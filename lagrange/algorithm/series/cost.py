@@ -62,13 +62,8 @@ def cheapest_order(packing: Packing, tolerance: float) -> int:
     order = best_order(jet_cost(packing, looped=False), tolerance)
     if is_large(packing, order):
         order = best_order(jet_cost(packing, looped=True), tolerance)
-    rounds = inverts(packing) or packing.program.dimension > 2
+    rounds = any(stage.plan.inverted for stage in packing.stages) or packing.program.dimension > 2
     return min(order, HIGHEST_ROUNDED) if tolerance < ROUNDING_TOLERANCE and rounds else order
-
-
-def inverts(packing: Packing) -> bool:
-    """Return True if a mass matrix is inverted at each step."""
-    return any(stage.plan.inverted for stage in packing.stages)
 
 
 def inversion_size(packing: Packing, *, looped: bool) -> int:
@@ -78,12 +73,6 @@ def inversion_size(packing: Packing, *, looped: bool) -> int:
     """
     plans = [stage.plan for stage in packing.stages if stage.plan.inverted]
     return sum(plan.size**3 for plan in plans if not (looped and is_factored(plan)))
-
-
-def factored_entries(packing: Packing) -> int:
-    """Return the number of entries of the factors that loops use for solves at each order."""
-    plans = [stage.plan for stage in packing.stages if is_factored(stage.plan)]
-    return sum(len(block.places) for plan in plans for block in block_eliminations(plan))
 
 
 def operations(packing: Packing, order: int) -> int:
@@ -122,7 +111,8 @@ def jet_cost(packing: Packing, *, looped: bool) -> Cost:
     fixed = 50.0 + 6.0 * count
     each = 3.0 + 0.8 * count + 0.9 * sums(packing)
     if looped:
-        entries = factored_entries(packing)
+        factored = [stage.plan for stage in packing.stages if is_factored(stage.plan)]
+        entries = sum(len(block.places) for plan in factored for block in block_eliminations(plan))
         fixed += 0.4 * len(program.start.instructions) + 0.1 * inversion_size(packing, looped=True) + 2.0 * entries
         each = 1.15 * each + 9.0 + 0.8 * entries
     width = sum(len(chunk.values) * len(chunk.sums) for chunk in packing.computed)

@@ -28,16 +28,13 @@ Rows = Sequence[Sequence[int]]
 
 
 class LinearSystem(Protocol):
-    """A linear system whose matrix is inverted or factored; right-hand sides follow one after another.
-
-    The unknowns are in vectors. `rows` has for each vector the indices of its unknowns, by lane.
-    """
-
-    def read(self, rows: Rows) -> None:
-        """Gather the entries that solves read to vectors, before the loop over orders."""
+    """A linear system whose matrix is inverted or factored; right-hand sides follow one after another."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution as one vector for each entry of `rows`, for a right-hand side in the same form."""
+        """Return the solution as vectors, for a right-hand side in the same form.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
 
 
 MOST_INVERSE_COLUMNS = 32
@@ -126,17 +123,6 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
     return [found[row] for row in sorted(found)]
 
 
-def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
-    """Return the vector x with its last distinct entry repeated in the lanes of `chunk` that repeat an unknown."""
-    last = len(dict.fromkeys(chunk)) - 1
-    return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
-
-
-def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
-    """Return the values x of single unknowns as vectors, one for each entry of `rows`."""
-    return [joined(p, [(x[row], 0) for row in chunk]) for chunk in rows]
-
-
 class Diagonal:
     """The reciprocals of the entries of a diagonal matrix."""
 
@@ -200,7 +186,12 @@ class InverseInMemory:
         for chunk, x in zip(rows, right, strict=True):
             put(p, given, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
         products = self.in_loop(rows, given) if n > MOST_INVERSE_COLUMNS else self.in_line(rows, given)
-        return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
+        for k, chunk in enumerate(rows):
+            # The last distinct entry is repeated in the lanes that repeat an unknown.
+            last = len(dict.fromkeys(chunk)) - 1
+            if last < len(chunk) - 1:
+                products[k] = p.permuted([products[k]], [min(lane, last) for lane in range(len(chunk))])
+        return products
 
     def in_line(self, rows: Rows, right: Memory) -> list[Term]:
         """Return the product of inverse and right-hand side, written out, each vector as two partial sums."""
@@ -220,9 +211,6 @@ class InverseInMemory:
             for chunk, total in zip(rows, sums, strict=True):
                 total.value = fma(p, entries(column, chunk[0], len(chunk)), x, total.value)
         return [total.value for total in sums]
-
-    def read(self, rows: Rows) -> None:
-        """Do nothing: columns are read at their use."""
 
     def multiply(self, right: Memory, found: Memory) -> None:
         """Write the solution `found` for a right-hand side in memory."""
@@ -248,10 +236,7 @@ class FactoredSystem:
             solution = block.solve([single[i] for i in block.unknowns])
             for i, x in zip(block.unknowns, solution, strict=True):
                 found[i] = x
-        return _together(self.p, rows, found)
-
-    def read(self, rows: Rows) -> None:
-        """Do nothing: factors are read at their use."""
+        return [joined(self.p, [(found[row], 0) for row in chunk]) for chunk in rows]
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:

@@ -6,11 +6,10 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from lagrange.procedure.builder import Folded
 from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
 from lagrange.procedure.front.names import ZERO, Ended, Error, Missing, Names, common_kind, is_varied, real
 from lagrange.procedure.front.vocabulary import REDUCTIONS
-from lagrange.procedure.values import Flag, Memory, Value, Variable
+from lagrange.procedure.values import Flag, Memory, Real, Value, Variable
 
 
 class KnownBlock:
@@ -185,7 +184,7 @@ class EachBlock(Block):
     def __init__(self, tracer: Names, count: Value, options: Mapping[str, Any], *, disjoint: bool) -> None:
         super().__init__(tracer)
         self.count, self.options, self.disjoint = count, options, disjoint
-        self.folds: dict[int, tuple[str, Folded]] = {}
+        self.folds: dict[int, tuple[str, Real]] = {}
         self.index: Value | None = None
         self.visits: list[tuple[int, int, bool, bool]] = []
         """For each access: the whole array, the part, True if the index is the loop index, and True if it is written.
@@ -244,22 +243,15 @@ class EachBlock(Block):
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
             raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
-        p, (value, *others) = self.tracer.p, [self.tracer.number(one, REAL, "a value of a reduction") for one in values]
-        made = {
-            "add": lambda: p.sum(real(value)),
-            "dot": lambda: p.dot(real(value), real(others[0])),
-            "most": lambda: p.largest(real(value), numbers=True),
-            "least": lambda: p.largest(-real(value), numbers=True),
-            "max": lambda: p.largest(real(value)),
-            "magnitude": lambda: p.largest_magnitude(real(value)),
-        }[op]()
-        self.folds[slot] = op, made
+        value, *others = [real(self.tracer.number(one, REAL, "a value of a reduction")) for one in values]
+        # The least value is minus the largest of the negative values.
+        number = self.tracer.p.fold("most", -value) if op == "least" else self.tracer.p.fold(op, value, *others)
+        self.folds[slot] = op, number
 
     def folded(self, slot: int, first: Any) -> Any:
         """Return the result of the reduction with index `slot`. `first` is the value of its name before the loop."""
         tracer = self.tracer
-        op, made = self.folds[slot]
-        value = made.value
+        op, value = self.folds[slot]
         neutral = {"add": 0.0, "dot": 0.0, "magnitude": 0.0, "most": -math.inf, "max": -math.inf}.get(op)
         if not isinstance(first, Value) and first == neutral:
             return value
