@@ -124,7 +124,8 @@ def _mul(at: ChunkAt) -> Term:
 
 
 def _square(at: ChunkAt) -> Term:
-    return fma(at.p, at.now(0), at.first(0) * 2.0, at.total(0))
+    a, total = at.now(0), at.total(0)
+    return total if a is None else fma(at.p, a, at.first(0) * 2.0, total)
 
 
 def _divided(at: ChunkAt, left: Term, which: int) -> Term:
