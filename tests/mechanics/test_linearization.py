@@ -187,6 +187,18 @@ def rod(**more: Any) -> lg.System:
     )
 
 
+def linear(*energies: Any, at: Any = None, inputs: Any = (), **more: Any) -> Any:
+    return lg.System(*energies, **more).linearize(at or {}, inputs=inputs)
+
+
+T, PLANE = m * x.dot**2 / 2, x.dot**2 + y.dot**2
+CORNER = "the forces on x have a corner or a jump at x = 0, where {} is zero,"
+FILTER = {"forces": {x: y}, "constraints": {"filter": y.dot - u + y}, "inputs": [u]}
+CROSSED = {"constraints": [x * y, x + y * z], "coordinates": [x, y, z], "initial": {z: 1}, "at": {z: 0}}
+STILL = {"constraints": [x - 1, y - x], "initial": {x: 1, y: 1}, "at": {x: 1, y: 1}}
+MOVED = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates": [x, y], "initial": {}}
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -195,54 +207,25 @@ def rod(**more: Any) -> lg.System:
         (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system; i"),
+        (lambda: linear(T, **FILTER), "the input u is in the constraint 'filter', so that velocities follow it and B"),
+        (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
+        (lambda: linear(T, Piecewise((x**2, x > 0), (2 * x**2, True))), CORNER.format("x")),
+        (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),
         (
-            lambda: lg.System(m * x.dot**2 / 2, forces={x: y}, constraints={"filter": y.dot - u + y}).linearize(
-                inputs=[u]
-            ),
-            "the input u is in the constraint 'filter', so that velocities follow it and B would need its rate:",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, k * abs(x)).linearize(),
-            "the forces on x have a corner or a jump at x = 0, where x is zero, so that they are not linear near it.",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, Piecewise((x**2, x > 0), (2 * x**2, True))).linearize(),
-            "the forces on x have a corner or a jump at x = 0, where x is zero,",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, k * x**2, forces={x: -sign(x.dot)}).linearize(),
-            "the forces on x have a corner or a jump at x = 0, where x_dot is zero,",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, k / x, initial={x: 1}, name="hill").modes(),
+            lambda: lg.System(T, k / x, initial={x: 1}, name="hill").modes(),
             "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
         ),
         (lambda: rod().linearize({y: -l, y.dot: 1}), "the velocities are not on the constraint 'rod', which is -2*l t"),
         (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
+        (lambda: linear(PLANE, **MOVED), "the constraint 'constraint_1' depends on time: no point satisfies it at all"),
+        (lambda: linear(PLANE, **STILL), "the constraints leave no motion: there is nothing to linearise."),
+        (lambda: linear(PLANE + z.dot**2, **CROSSED), "the constraints are dependent at this point, so that it has no"),
         (
-            lambda: lg.System(
-                x.dot**2 + y.dot**2, coordinates=[x, y], constraints=[x - y * (1 + sin(lg.t))], initial={}
-            ).linearize({}),
-            "the constraint 'constraint_1' depends on time: no point satisfies it at all times.",
-        ),
-        (
-            lambda: lg.System(x.dot**2 + y.dot**2, constraints=[x - 1, y - x], initial={x: 1, y: 1}).linearize(
-                {x: 1, y: 1}
-            ),
-            "the constraints leave no motion: there is nothing to linearise.",
-        ),
-        (
-            lambda: lg.System(
-                x.dot**2 + y.dot**2 + z.dot**2, constraints=[x * y, x + y * z], coordinates=[x, y, z], initial={z: 1}
-            ).linearize({z: 0}),
-            "the constraints are dependent at this point, so that it has no linearization.",
-        ),
-        (
-            lambda: lg.System(x**2 * x.dot**2, k * x, initial={x: 1}).linearize({}),
+            lambda: linear(x**2 * x.dot**2, k * x, initial={x: 1}),
             "the mass matrix of system is singular at this point, which is not an equilibrium: its accelerations are",
         ),
         (
-            lambda: lg.System(x**2 * x.dot**2, k * x**2, initial={x: 1}).linearize({}).A,
+            lambda: linear(x**2 * x.dot**2, k * x**2, initial={x: 1}).A,
             "the mass matrix is singular at this point, so that A and B do not exist: M, C and K do. Choose",
         ),
     ],

@@ -125,47 +125,32 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
     assert expanded.check()
 
 
+T = m * x.dot**2 / 2
+NONE = "the potential energy has no expansion about {}: it"
+CORNER = f"{NONE} has a corner or a jump where {{}} is zero, which is there. Choose a point beside it."
+INFINITE = (
+    f"{NONE}, or a derivative up to order 2, is not finite there. Choose another point, or coordinates that are "
+    "regular at it."
+)
+
+
 @pytest.mark.parametrize(
     ("act", "message"),
     [
         (
             lambda: shared_scene("spherical-pendulum").small(),
             "about theta = 0 and phi = 0 the Lagrangian to order 2 has no velocity of phi in it, whose inertia "
-            "vanishes "
-            "there: choose coordinates that are regular at that point, or another point.",
+            "vanishes there: choose coordinates that are regular at that point, or another point.",
         ),
-        (
-            lambda: shared_scene("kepler").small(),
-            "the potential energy has no expansion about x = 0 and y = 0: it, or a derivative up to order 2, is not "
-            "finite there. Choose another point, or coordinates that are regular at it.",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, k * x**2 * sympy.Heaviside(x)).small(),
-            "the potential energy has no expansion about x = 0: it has a corner or a jump where x is zero, which is "
-            "there. Choose a point beside it.",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, k * Abs(x)).small(),
-            "the potential energy has no expansion about x = 0: it has a corner or a jump where x is zero, which is "
-            "there. Choose a point beside it.",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, Piecewise((x**2, x > a), (0, True))).small({x: a}),
-            "the potential energy has no expansion about x = a: it has a corner or a jump where a - x is zero, which "
-            "is "
-            "there. Choose a point beside it.",
-        ),
-        (
-            lambda: lg.System(m * x.dot**2 / 2, x ** Rational(3, 2)).small(),
-            "the potential energy has no expansion about x = 0: it, or a derivative up to order 2, is not finite "
-            "there. "
-            "Choose another point, or coordinates that are regular at it.",
-        ),
+        (lambda: shared_scene("kepler").small(), INFINITE.format("x = 0 and y = 0")),
+        (lambda: lg.System(T, k * x**2 * sympy.Heaviside(x)).small(), CORNER.format("x = 0", "x")),
+        (lambda: lg.System(T, k * Abs(x)).small(), CORNER.format("x = 0", "x")),
+        (lambda: lg.System(T, Piecewise((x**2, x > a), (0, True))).small({x: a}), CORNER.format("x = a", "a - x")),
+        (lambda: lg.System(T, x ** Rational(3, 2)).small(), INFINITE.format("x = 0")),
         (
             lambda: shared_scene("cartesian-pendulum").small(),
             "the point is not on the constraint 'rod', which is -l**2 there and not zero: give values of all "
-            "coordinates "
-            "in it.",
+            "coordinates in it.",
         ),
         (lambda: pendulum().small(order=1), "order = 1: give a whole number from 2 to 8."),
     ],
