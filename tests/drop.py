@@ -1,8 +1,12 @@
-"""A scene file for tests of the command line."""
+"""A scene file for tests of the command line, and what a refused command says."""
 
 from __future__ import annotations
 
 from pathlib import Path
+
+import pytest
+
+from lagrange.cli.program import main
 
 DROP = """\
 name = "drop"
@@ -27,3 +31,11 @@ def written(folder: Path, text: str) -> str:
     path = folder / "drop.toml"
     path.write_text(text, "utf-8")
     return str(path)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
+    """Return the one message of a command that ends with a code and prints nothing else."""
+    assert main(arguments) == code
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.startswith("lagrange: ") and "Traceback" not in captured.err
+    return captured.err.removeprefix("lagrange: ").rstrip("\n")

@@ -15,21 +15,12 @@ import pytest
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.trajectory.trajectory import Status
-from tests.drop import DROP, written
+from tests.drop import DROP, refused, written
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> str:
     return written(tmp_path, DROP)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
-    assert main(arguments) == code
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("lagrange: ")
-    assert "Traceback" not in captured.err
-    return captured.err.removeprefix("lagrange: ").rstrip("\n")
 
 
 # --- run ----------------------------------------------------------------------------------------------------

@@ -10,20 +10,13 @@ import pytest
 
 from lagrange.cli.program import main
 from lagrange.show.figures.run_figure import WHAT
-from tests.drop import DROP, written
+from tests.drop import DROP, refused, written
 
 
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     return os.path.relpath(written(tmp_path, DROP))
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.startswith("lagrange: ") and "Traceback" not in captured.err
-    return captured.err.removeprefix("lagrange: ").rstrip("\n")
 
 
 def test_a_scene_without_positions_says_that_its_coordinates_are_drawn(

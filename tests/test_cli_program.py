@@ -14,22 +14,12 @@ import pytest
 
 import lagrange as lg
 from lagrange.cli.program import SCENES
-
-SCENE = """\
-name = "drop"
-source = "Galilei"
-coordinates = ["y"]
-kinetic = "m*y_dot**2/2"
-potential = "m*g*y"
-parameters = { m = 2.0, g = 10.0 }
-"""
+from tests.drop import DROP, written
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> str:
-    path = tmp_path / "drop.toml"
-    path.write_text(SCENE, "utf-8")
-    return str(path)
+    return written(tmp_path, DROP)
 
 
 def command(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
@@ -113,9 +103,8 @@ def test_standard_error_that_nobody_reads_leaves_the_exit_code_and_the_output(tm
 
 
 def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
-    path = tmp_path / "accent.toml"
-    path.write_text(SCENE.replace("Galilei", "Störmer"), "utf-8")
-    done = command("derive", str(path), env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    path = written(tmp_path, DROP.replace("Galilei", "Störmer"))
+    done = command("derive", path, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0
     assert "Source: St\\xf6rmer" in done.stdout
 
