@@ -154,7 +154,7 @@ def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
 
 
 T = m * x.dot**2 / 2
-EDGE = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin(theta)}}
+EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin(theta)}}
 
 
 @pytest.mark.parametrize(

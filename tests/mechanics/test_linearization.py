@@ -193,10 +193,10 @@ def linear(*energies: Any, at: Any = None, inputs: Any = (), **more: Any) -> Any
 
 T, PLANE = m * x.dot**2 / 2, x.dot**2 + y.dot**2
 CORNER = "the forces on x have a corner or a jump at x = 0, where {} is zero,"
-FILTER = {"forces": {x: y}, "constraints": {"filter": y.dot - u + y}, "inputs": [u]}
-CROSSED = {"constraints": [x * y, x + y * z], "coordinates": [x, y, z], "initial": {z: 1}, "at": {z: 0}}
-STILL = {"constraints": [x - 1, y - x], "initial": {x: 1, y: 1}, "at": {x: 1, y: 1}}
-MOVED = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates": [x, y], "initial": {}}
+FILTER: dict[str, Any] = {"forces": {x: y}, "constraints": {"filter": y.dot - u + y}, "inputs": [u]}
+CROSSED: dict[str, Any] = {"constraints": [x * y, x + y * z], "coordinates": [x, y, z], "initial": {z: 1}, "at": {z: 0}}
+STILL: dict[str, Any] = {"constraints": [x - 1, y - x], "initial": {x: 1, y: 1}, "at": {x: 1, y: 1}}
+MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates": [x, y], "initial": {}}
 
 
 @pytest.mark.parametrize(
