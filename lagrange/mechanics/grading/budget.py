@@ -27,8 +27,7 @@ LARGEST_EXPANSION = 5_000
 A product of 12 sums has 4,096 and takes 0.9 s; SymPy cannot be interrupted in a larger one.
 """
 
-LARGEST_POWER = 4
-"""Largest power of a sum that is multiplied out."""
+LARGEST_POWER = 4  # Largest power of a sum that is multiplied out
 
 LARGEST_NUMBER = 1_000
 """Largest number in the argument of an exponential: exp(1000*x) is a polynomial of degree 1000 in exp(x) for SymPy."""

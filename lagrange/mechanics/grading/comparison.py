@@ -29,11 +29,8 @@ from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
-DRAWS = 1000
-"""Random points drawn to reach other branches; most of them cost one evaluation of the switches."""
-
-MOST = 16
-"""Largest number of states added to cover other branches."""
+DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches
+MOST = 16  # Largest number of states added to cover other branches
 
 NEAREST = 8.0
 """Largest number of leading digits that a drawn entry shares with a number of the equations.
@@ -41,8 +38,7 @@ NEAREST = 8.0
 A branch that holds only between 3 and 3.0001 is then reached.
 """
 
-Way = tuple[Any, int]
-"""A switch (such as a condition or Abs) and one of its outcomes."""
+Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its outcomes
 
 
 def branch_samples(
@@ -66,7 +62,7 @@ def branch_samples(
     for sample in known:
         with suppress(OutsideDomain):
             seen.add(ways(sample.point))
-    for point in _points(statement, _numbers(statement, rows)):
+    for point in _points(statement, rows):
         if len(samples) == MOST:
             break
         with suppress(OutsideDomain):
@@ -79,16 +75,15 @@ def branch_samples(
     return samples, [pair for pair in every if pair not in reached]
 
 
-def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
-    """Return the magnitudes of the numbers in the equations, energies and forces, and 1, sorted."""
-    expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
-    numbers = {abs(float(x)) for term in expressions for x in term.atoms(sympy.Number) if x.is_finite}
-    return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
+def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[SamplePoint]:
+    """Yield `DRAWS` points with entries of all magnitudes.
 
-
-def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[SamplePoint]:
-    """Yield `DRAWS` points with entries of all magnitudes; half of the entries are near one of the `numbers`."""
+    Half of the entries are near 1 or a number in the equations, energies and forces.
+    """
     sampler, draw = Sampler(statement, 1), random.Random(1)
+    expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
+    every = {1.0} | {abs(float(x)) for term in expressions for x in term.atoms(sympy.Number) if x.is_finite}
+    numbers = sorted(x for x in every if x and math.isfinite(x))
 
     def near() -> float:
         return (
@@ -110,21 +105,18 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
     """
     choices = [list(samples)]
     for row in rows:
-        if len(samples[0].multipliers) and any(list(row.slopes.values())[len(row.statement.names) :]):
-            with suppress(OutsideDomain):
-                scaled = [_scaled(row, rows, sample) for sample in samples]
-                choices += [scaled] if all(scaled) else []
+        if not (len(samples[0].multipliers) and any(list(row.slopes.values())[len(row.statement.names) :])):
+            continue
+        with suppress(OutsideDomain):
+            scaled = []
+            for sample in samples:
+                # A multiplier that `row` lacks is scaled to that of the first equation that has it.
+                multiples = [_multiples(other, sample) for other in (row, *rows)]
+                first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
+                forces = tuple(x * k for x, k in zip(sample.multipliers, first, strict=True))
+                scaled.append(replace(sample, multipliers=forces))
+            choices.append(scaled)
     return choices
-
-
-def _scaled(row: EquationRow, rows: Sequence[EquationRow], sample: MotionSample) -> MotionSample:
-    """Return a sample with the system's multipliers scaled to those of the equation `row`.
-
-    A multiplier that `row` lacks is scaled to that of the first equation that has it.
-    """
-    multiples = [_multiples(other, sample) for other in (row, *rows)]
-    first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
-    return replace(sample, multipliers=tuple(x * k for x, k in zip(sample.multipliers, first, strict=True)))
 
 
 def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[MotionSample]) -> str:
@@ -132,13 +124,8 @@ def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[Mo
 
     `chosen` are samples with the multipliers of the answer, `samples` the same ones with those of the system.
     """
-    both = zip(chosen, samples, strict=True)
-    every = [
-        a / b
-        for chosen_sample, other in both
-        for a, b in zip(chosen_sample.multipliers, other.multipliers, strict=True)
-        if b
-    ]
+    pairs = [zip(a.multipliers, b.multipliers, strict=True) for a, b in zip(chosen, samples, strict=True)]
+    every = [a / b for pair in pairs for a, b in pair if b]
     ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR) if every else Fraction(1)
     if any(abs(x * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for x in every):
         return " Their multipliers are multiples of those of the system."
@@ -160,23 +147,15 @@ def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
     ]
 
 
-NEGATIVE = 0.5
-"""Cost of a negative force, such as a tension, in units of the change of a sign."""
-
-MOST_LISTED = 4
-"""Largest number of coordinates for which a message lists the whole state."""
-
-MOST_READ = 2
-"""Largest number of ambiguous equations whose reading a message shows; `.read` has all of them."""
-
-LONGEST_MESSAGE = 400
-"""Longest message, in characters. The rest goes to `.details`."""
+NEGATIVE = 0.5  # Cost of a negative force, such as a tension, in units of the change of a sign
+MOST_LISTED = 4  # Largest number of coordinates for which a message lists the whole state
+MOST_READ = 2  # Largest number of ambiguous equations whose reading a message shows; `.read` has all of them
+LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.details`.
 
 NEGLIGIBLE = 1e-9
 """Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise."""
 
-LONGEST_QUOTED = 120
-"""Longest constraint in a message, in characters."""
+LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
 
 SAMPLES = 5
 """Number of random states at which equations without switches are compared.
@@ -295,13 +274,9 @@ def _integrated(equation: StudentEquation, row: EquationRow) -> tuple[StudentEqu
     Example: the constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
     """
     statement = row.statement
-    plain = list(statement.plain.values())
-    moving = [*plain[1::3], *row.slopes]
-    if (
-        not statement.constraints
-        or any(constraint.holonomic for constraint in statement.constraints)
-        or row.zero.has(*moving)
-    ):
+    moving = [*list(statement.plain.values())[1::3], *row.slopes]
+    velocity_constraints = [not constraint.holonomic for constraint in statement.constraints]
+    if not any(velocity_constraints) or not all(velocity_constraints) or row.zero.has(*moving):
         return None
     note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
     rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
@@ -344,9 +319,11 @@ def _compared(
         return EquationsComparison(right=False, message=idle), False
     message = (
         f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
-        + sentence_on_multipliers(right, samples)
-        + _without_sample(untried, statement)
     )
+    message += sentence_on_multipliers(right, samples)
+    if untried:
+        more = f", nor for {len(untried) - 1} other branches" if len(untried) > 1 else ""
+        message += f" No state was found where {describe_way(*untried[0], statement)}{more}."
     return EquationsComparison(right=True, message=message), False
 
 
@@ -400,14 +377,6 @@ def _is_negative(samples: Sequence[MotionSample]) -> bool:
     return bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
-def _without_sample(left: Sequence[Way], statement: Statement) -> str:
-    """Return a sentence on the branches `left`, which no state reaches, or ""."""
-    if not left:
-        return ""
-    more = f", nor for {len(left) - 1} other branches" if len(left) > 1 else ""
-    return f" No state was found where {describe_way(*left[0], statement)}{more}."
-
-
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
     """Return the end of a sentence on what right equations leave undetermined, or "".
 
@@ -418,7 +387,12 @@ def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, do
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
     padding = [0.0] * (len(rows[0].slopes) - len(names))
-    sample, matrix = _leading(rows, samples)
+    for sample in samples:
+        with suppress(OutsideDomain):
+            matrix = [[float(x) for x in row.leading(sample)] for row in rows]
+            break
+    else:
+        raise OutsideDomain("no state at which all equations have values")
     for each in statement.rotations:
         along = [float(x) if name == each else 0.0 for name, x in zip(names, sample.point.q, strict=True)]
         matrix.append(along + padding)
@@ -447,17 +421,6 @@ def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, do
     return f"{start} missing: add {zero} = 0 or its time derivative."
 
 
-def _leading(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[MotionSample, list[list[float]]]:
-    """Return the first sample at which all equations have values, and their leading coefficients there.
-
-    Raises OutsideDomain if there is no such sample.
-    """
-    for sample in samples[:-1]:
-        with suppress(OutsideDomain):
-            return sample, [[float(x) for x in row.leading(sample)] for row in rows]
-    return samples[-1], [[float(x) for x in row.leading(samples[-1])] for row in rows]
-
-
 def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
     """Return the rank of a matrix, and its right singular vectors as rows."""
     scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
@@ -476,49 +439,29 @@ def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
     """Return the result if the equations `wrong` do not hold; `named` is the sentence on the first wrong term."""
-    row = rows[wrong[0]]
-    sample = _where_it_fails(row, samples)
-    example = {} if sample is None else _counterexample(row, sample)
-    details = "" if sample is None else _told(row, sample)
-    more = ""
     if len(wrong) > 1:
         others = listing(rows[i].label for i in wrong[1:])
-        more = f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+        named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+    row, example, details = rows[wrong[0]], dict[str, float](), ""
+    for sample in samples:
+        with suppress(OutsideDomain):
+            left, size = row.residual(sample)
+            if abs(left) > HELD * size:
+                example, details = _counterexample(row, sample, left)
+                break
     return EquationsComparison(
-        right=False,
-        message=named + more,
-        wrong=wrong,
-        counterexample=MappingProxyType(example),
-        details=details,
+        right=False, message=named, wrong=wrong, counterexample=MappingProxyType(example), details=details
     )
 
 
-def _where_it_fails(row: EquationRow, samples: Sequence[MotionSample]) -> MotionSample | None:
-    """Return the first sample at which an equation has a value but does not hold, or None."""
-    for sample in samples:
-        try:
-            left, size = row.residual(sample)
-        except OutsideDomain:
-            continue
-        if abs(left) > HELD * size:
-            return sample
-    return None
-
-
-def _counterexample(row: EquationRow, sample: MotionSample) -> dict[str, float]:
-    statement, point = row.statement, sample.point
-    keys = [*statement.state_names, "t", *(p.name for p in point.parameters)]
-    values = [*point.q, *point.v, point.t, *point.parameters.values()]
-    keys += [f"{name}_ddot" for name in statement.names]
-    return dict(zip(keys, (float(x) for x in (*values, *sample.accelerations)), strict=True))
-
-
-def _told(row: EquationRow, sample: MotionSample) -> str:
-    """Return a sentence with the state at which an equation fails, and the difference of its sides there."""
-    left, _ = row.residual(sample)
-    names = row.statement.names
+def _counterexample(row: EquationRow, sample: MotionSample, difference: Any) -> tuple[dict[str, float], str]:
+    """Return the state of a sample by names, and a sentence on the `difference` of the sides of an equation there."""
+    names, point = row.statement.names, sample.point
+    keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters), *(f"{name}_ddot" for name in names)]
+    values = [*point.q, *point.v, point.t, *point.parameters.values(), *sample.accelerations]
+    example = dict(zip(keys, map(float, values), strict=True))
+    end = f"the two sides of {row.label} differ by {float(difference):.5g}."
     if len(names) > MOST_LISTED:
-        return f"At the state in .counterexample the two sides of {row.label} differ by {float(left):.5g}."
+        return example, f"At the state in .counterexample {end}"
     motion = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, sample.accelerations, strict=True))
-    state = sample.point.describe(names, 5)
-    return f"At {state} the motion has {motion}, and there the two sides of {row.label} differ by {float(left):.5g}."
+    return example, f"At {point.describe(names, 5)} the motion has {motion}, and there {end}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -20,15 +19,13 @@ from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 
-DIGITS = 60
-"""Decimal digits of the velocities: more than the accelerations have."""
+DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have
 
 LEFT = 1e-40
 """Largest residual, relative to its terms, of a satisfied relation that is linear in the velocities: rounding in 60
 digits."""
 
-SINGULAR = 1e-12
-"""Pivot, relative to its row, below which a matrix of relations or masses counts as singular."""
+SINGULAR = 1e-12  # Pivot, relative to its row, below which a matrix of relations or masses counts as singular
 
 
 class FirstOrderStates:
@@ -47,12 +44,9 @@ class FirstOrderStates:
             and not any(constraint.has(q, v) for constraint in constraints)
         )
         relations = [form.residuals[i] for i in self.places]
-        self._tape = None
-        if relations:
-            slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
-            self._tape = Precise(
-                [constraint.xreplace(form.stated) for constraint in (*relations, *slopes)], statement, DIGITS
-            )
+        slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
+        expressions = [expression.xreplace(form.stated) for expression in (*relations, *slopes)]
+        self._tape = Precise(expressions, statement, DIGITS) if relations else None
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return the point with new velocities of these coordinates, which satisfy the relations.
@@ -76,14 +70,9 @@ class FirstOrderStates:
         return moved
 
 
-LEAST = 1e-9
-"""Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it."""
-
-ROUND_OFF = 1e-14
-"""Entries of a state on the constraints below this magnitude are rounding errors of zero."""
-
-ATTEMPTS = 120
-"""Largest number of random draws in the search for states."""
+LEAST = 1e-9  # Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it
+ROUND_OFF = 1e-14  # Entries of a state on the constraints below this magnitude are rounding errors of zero
+ATTEMPTS = 120  # Largest number of random draws in the search for states
 
 
 @dataclass(frozen=True)
@@ -101,11 +90,6 @@ class MotionSample:
     gradient: tuple[list[Any], ...]
     first_order: tuple[int, ...] = ()
 
-    @property
-    def parameters(self) -> Mapping[Any, float]:
-        """The values of the parameters."""
-        return self.point.parameters
-
 
 def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[MotionSample]:
     """Return `count` states at which the statement determines the motion; equal seeds give equal states.
@@ -116,7 +100,13 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
     sampler, states = Sampler(statement, seed), MotionStates(statement)
     _, order_one, _, near, _ = SAMPLE_KINDS
     points = (sampler.point(near if draw % 3 == 2 else order_one, draw // 3) for draw in range(ATTEMPTS))
-    samples = [*islice(usable(points, states.sample), count)]
+
+    def sample(point: SamplePoint) -> MotionSample | None:
+        with suppress(OutsideDomain):
+            return states.motion(states.satisfied(point))
+        return None
+
+    samples = [*islice(usable(points, sample), count)]
     if len(samples) == count:
         return samples
     raise StatementError(
@@ -135,15 +125,10 @@ class MotionStates:
     def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return a nearby state on the constraints and first-order equations. Raises OutsideDomain if none is found."""
         if self._surface.holonomic:
-            q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
-            point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
+            moved = self._surface.nearest(point.q, point.v, point.t, point.parameters)
+            q, v = (tuple(0.0 if abs(x) < ROUND_OFF else x for x in entries) for entries in moved)
+            point = replace(point, q=q, v=v)
         return self._relations.satisfied(point)
-
-    def sample(self, point: SamplePoint) -> MotionSample | None:
-        """Return the motion at a nearby state on the constraints and first-order equations, or None."""
-        with suppress(OutsideDomain):
-            return self.motion(self.satisfied(point))
-        return None
 
     def motion(self, point: SamplePoint) -> MotionSample:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""
@@ -163,8 +148,3 @@ class MotionStates:
             rows("constraint_gradient", held),
             self._relations.places,
         )
-
-
-def _without_noise(value: Any) -> Any:
-    """Return an entry of a state, or zero if the entry is a rounding error of zero."""
-    return 0.0 if abs(value) < ROUND_OFF else value

@@ -33,11 +33,7 @@ from lagrange.mechanics.grading.student_equations import (
     unknowns_of,
 )
 from lagrange.mechanics.grading.term_difference import (
-    EXTRA,
     LARGEST_FACTOR,
-    MISSING,
-    SCALED,
-    WRONG,
     Difference,
     Numbers,
     constant_of,
@@ -47,23 +43,15 @@ from lagrange.mechanics.grading.term_difference import (
 from lagrange.statement.coordinate import constraint_of
 from lagrange.statement.statement import Statement
 
-MOST_FACTORS = 26
-"""Largest number of different factors whose powers a change may contain: 6,000 pairs of powers."""
-
-MOST_TRIPLED = 12
-"""Largest number of factors of which products of three are tried: 1,800 products."""
-
-MOST_MODELS = 120
-"""Largest number of right terms that a missing or replaced term may be a multiple of."""
-
-LONGEST = 600
-"""Largest number of operations of an equation whose terms are changed."""
+MOST_FACTORS = 26  # Largest number of different factors whose powers a change may contain: 6,000 pairs of powers
+MOST_TRIPLED = 12  # Largest number of factors of which products of three are tried: 1,800 products
+MOST_MODELS = 120  # Largest number of right terms that a missing or replaced term may be a multiple of
+LONGEST = 600  # Largest number of operations of an equation whose terms are changed
 
 LONGEST_EXPANDED = 80
 """Largest number of operations of a corrected term that is expanded to find it among the right terms."""
 
-CLOSE = 1e-9
-"""Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14."""
+CLOSE = 1e-9  # Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14
 
 NONE = 1e-20
 """Magnitude, relative to its terms, below which a sum counts as zero: the accelerations have about 30 digits."""
@@ -74,8 +62,7 @@ SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
 """Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
 
-OF_NUMBER = 0.3
-"""Added cost of a change after which the accelerations are those of a right equation times a number."""
+OF_NUMBER = 0.3  # Added cost of a change after which the accelerations are those of a right equation times a number
 
 OF_DERIVATIVE = 1.5
 """Added cost of changing a term of a typed derivative d/dt(...) if the derivative as a whole is not a wrong
@@ -123,11 +110,6 @@ class Change:
     difference: Difference
     cost: float
     row: EquationRow
-
-    @property
-    def corrected(self) -> Any:
-        """The sum after the change."""
-        return self.place.whole - self.difference.there + self.difference.wanted
 
 
 def one_change(
@@ -242,6 +224,7 @@ class _Search:
         fitting = [term for term in models if not (still and term.has(*moving))]
         self.models = list(dict.fromkeys(term.as_coeff_Mul()[1] for term in fitting))[:MOST_MODELS]
         self.bases = self._bases(denominators)
+        self.base_values, self.model_values = self.values(self.bases), self.values(self.models)
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
         """Return the values of expressions at the samples. Raises OutsideDomain if an expression has no value."""
@@ -262,11 +245,6 @@ class _Search:
                     every |= {sympy.sin(base.args[0]): None, sympy.cos(base.args[0]): None}
         symbols = dict.fromkeys(self.row.statement.parameters) | every
         return list(every | symbols if len(symbols) <= MOST_FACTORS else every)[:MOST_FACTORS]
-
-    @cached_property
-    def base_values(self) -> list[Numbers]:
-        """Values of the factors at the samples."""
-        return self.values(self.bases)
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
@@ -327,23 +305,20 @@ class _Search:
 
     def _choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         for place, changes in self._changes():
-            lone = place.below and len(place.terms) == 1  # its factors are factors of the whole term
-            extra = DENOMINATOR * place.below
-            for term, value in zip(place.terms, self.values(place.terms), strict=True) if not lone else ():
-                extra_of_term = extra + self._doubt(place, term)
-                for cost, difference in self._of_term(term, value, changes):
-                    yield cost + extra_of_term, place, difference
-            if len(place.terms) > 1:
-                whole = self.values([place.whole])[0]
-                for cost, difference in self._of_term(place.whole, whole, changes):
-                    if difference.kind != EXTRA:
-                        yield cost + extra + OF_SIDE + self._doubt(place, place.whole), place, difference
+            extra, several = DENOMINATOR * place.below, len(place.terms) > 1
+            # The factors of a lone term in a denominator are factors of the whole term.
+            parts = (*place.terms, place.whole) if several else () if place.below else place.terms
+            for k, (part, value) in enumerate(zip(parts, self.values(parts), strict=True)):
+                whole = k == len(place.terms)
+                for cost, difference in self._of_term(part, value, changes):
+                    if not (whole and difference.kind == "extra"):
+                        yield cost + extra + OF_SIDE * whole + self._doubt(place, part), place, difference
             rates = place.whole.has(*self.unknowns)
             for cost, wanted in self._among_models(changes):
                 if place.path and not rates and wanted.has(*self.unknowns):
                     continue  # an acceleration does not belong in this bracket
                 cost += extra + self._misplaced(place, wanted) + OF_RATE * wanted.has(*self.moving)
-                yield cost, place, Difference(MISSING, sympy.S.Zero, wanted)
+                yield cost, place, Difference("missing", sympy.S.Zero, wanted)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
@@ -377,30 +352,29 @@ class _Search:
             return
         required = [a + b for a, b in zip(value, changes, strict=True)]
         if all(abs(x) <= NONE * abs(a) for x, a in zip(required, value, strict=True)):
-            yield LEFT_OUT, Difference(EXTRA, term, sympy.S.Zero)
+            yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)
             return
         for cost, number, factor in self.multiples([x / a for x, a in zip(required, value, strict=True)]):
             right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
             if factor == 1:
-                yield _cost_of(number), Difference(SCALED, term, right, 1 / Fraction(number.p, number.q))
+                other = DOUBLED if number in (2, sympy.S.Half) else FRACTION + len(str(number)) / 20
+                yield (
+                    SIGN if number == -1 else other,
+                    Difference("scaled", term, right, 1 / Fraction(number.p, number.q)),
+                )
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
-                yield SIGN + cost + plain, Difference(WRONG, term, right)
+                yield SIGN + cost + plain, Difference("wrong", term, right)
         for cost, right in self._among_models(required):
-            yield cost + REPLACED - MISSED, Difference(WRONG, term, right)
+            yield cost + REPLACED - MISSED, Difference("wrong", term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
         """Yield (cost, term) for terms with these values at the samples; each is a multiple of a right term."""
-        for model, line in self.model_values:
+        for model, line in zip(self.models, self.model_values, strict=True):
             if all(line):
                 for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
                     plain = 0 if abs(number) == 1 else 0.3
                     yield MISSED + cost + plain, number * model * factor
-
-    @cached_property
-    def model_values(self) -> list[tuple[Any, Numbers]]:
-        """The right terms with their values at the samples."""
-        return list(zip(self.models, self.values(self.models), strict=True))
 
     def _doubt(self, place: Sum, term: Any) -> float:
         """Return a cost that is added to a change of `term`, because of where the term stands in the equation."""
@@ -410,7 +384,7 @@ class _Search:
             return 0.0
         number, rest = term.as_coeff_Mul()
         if len(place.terms) > 1 or place.path or not rest.is_Symbol or not self.row.sides[1 - place.side].count_ops():
-            return 0.0 if not term.has(*self.moving) else OF_RATE
+            return OF_RATE if term.has(*self.moving) else 0.0
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, place: Sum, wanted: Any) -> float:
@@ -454,10 +428,8 @@ class _Search:
     def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
         """Return the equation after a change, or None if the result is not linear in the unknowns."""
         sides = list(self.row.sides)
-        part = place.whole - difference.there + difference.wanted
-        if difference.there == place.whole:
-            part = difference.wanted
-        sides[place.side] = _with(sides[place.side], place.path, part)
+        rest = 0 if difference.there == place.whole else place.whole - difference.there
+        sides[place.side] = _with(sides[place.side], place.path, rest + difference.wanted)
         try:
             equation = StudentEquation(self.row.label, sides[0] - sides[1], sides[1])
             return row_of(equation, self.row.statement)
@@ -494,10 +466,3 @@ def _centred(values: Numbers) -> Any:
     with np.errstate(all="ignore"):
         logs = np.log(np.array([abs(float(x)) for x in values]))
         return logs - logs.mean()
-
-
-def _cost_of(number: Any) -> float:
-    """Return the cost of a change by a constant factor."""
-    if number == -1:
-        return SIGN
-    return DOUBLED if abs(number) in (2, sympy.S.Half) and number > 0 else FRACTION + len(str(number)) / 20

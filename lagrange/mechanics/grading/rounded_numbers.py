@@ -104,12 +104,6 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
         except OutsideDomain:
             continue
         values = [(x, float(x) - step) for x, step in zip(decimals, steps, strict=False)]
-        changed = [(x, value) for x, value in values if abs(value - float(x)) > HELD * abs(float(x))]
-        return {x: _number(value) for x, value in changed}
+        changed = [(x, y, constant_of([y])) for x, y in values if abs(y - float(x)) > HELD * abs(float(x))]
+        return {x: sympy.Float(str(y), 30) if f is None else sympy.Rational(f) for x, y, f in changed}
     raise OutsideDomain("no decimal is determined")
-
-
-def _number(value: Any) -> Any:
-    """Return a number in multiple precision as a small fraction if it equals one, else unchanged."""
-    fraction = constant_of([value])
-    return sympy.Float(str(value), 30) if fraction is None else sympy.Rational(fraction)

@@ -22,13 +22,12 @@ from lagrange.statement.parameters import Survey, coordinate_name
 from lagrange.statement.rotation import shorthands
 from lagrange.statement.scene.guard import LARGEST_EXPONENT
 from lagrange.statement.statement import Statement
-from lagrange.statement.typed.documents import parts_of_document
+from lagrange.statement.typed.lines import parts_of_document
 from lagrange.statement.typed.names import canonical
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
 
-MULTIPLIER = "lambda_"
-"""Prefix that turns the name of a constraint into the name of its multiplier."""
+MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
 
 FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs")
 """Letters that denote constraint forces, unless a symbol has the name: with the number of the constraint, or alone if
@@ -37,8 +36,7 @@ they are the only unknown of the only constraint."""
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
 """Letters that denote the force of the only constraint also in an answer that is solved for the accelerations."""
 
-ORDINALS = ("", "second", "third", "fourth", "fifth")
-"""Names of the equalities of a = b = c after the first."""
+ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
 
 
 @dataclass(frozen=True)
@@ -201,10 +199,8 @@ class _EquationReader:
 
     def unknown(self, name: str, what: str) -> str:
         """Return the error message for an unknown name in the equation with the label `what`."""
-        return (
-            f"{what} contains {name[:60]!r}, which this system does not have; its symbols are {listing(self.names)}."
-            + suggestion(name, list(self.names))
-        )
+        symbols = f"its symbols are {listing(self.names)}.{suggestion(name, list(self.names))}"
+        return f"{what} contains {name[:60]!r}, which this system does not have; {symbols}"
 
     def symbols(self, stated: Any, what: str) -> Any:
         """Return an expression in the plain symbols of the statement.
@@ -272,16 +268,17 @@ def abbreviations(statement: Statement) -> dict[Any, Any]:
 
     An equation keeps such symbols, R_body_x or R_body_x_dot, so that its terms are those that were typed.
     """
-    turned = shorthands(statement.rotations)
-    turned |= {f"{name}_dot": f.diff(t) for name, f in turned.items()}
-    return {sympy.Symbol(name, real=True): in_full(f).xreplace(statement.plain) for name, f in turned.items()}
+    return {symbol: in_full(f).xreplace(statement.plain) for f, symbol in rate_symbols(statement).items()}
 
 
-DIGITS = 40
-"""Decimal digits of evaluations; the accelerations are accurate to about 30 digits."""
+def rate_symbols(statement: Statement) -> dict[Any, Any]:
+    """Return {function of time: symbol} for the entries and rates of rotations, and for their derivatives."""
+    rates = {f: sympy.Symbol(name, real=True) for name, f in shorthands(statement.rotations).items()}
+    return rates | {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
 
-ZERO = 1e-12
-"""Accelerations below this fraction of 1 plus the largest count as zero."""
+
+DIGITS = 40  # Decimal digits of evaluations; the accelerations are accurate to about 30 digits
+ZERO = 1e-12  # Accelerations below this fraction of 1 plus the largest count as zero
 
 HELD = 1e-14
 """Largest residual, relative to the terms, of an equation that holds. Its numbers may be results of about 50 operations
@@ -304,11 +301,6 @@ class EquationRow:
     rest: Any
     sides: tuple[Any, Any] = (sympy.S.Zero, sympy.S.Zero)
     differentiated: tuple[Any, ...] = ()
-
-    @property
-    def right(self) -> Any:
-        """The right side as it was typed."""
-        return self.sides[1]
 
     @cached_property
     def _tape(self) -> Precise:

@@ -2,72 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
-from itertools import product as every_choice
-from typing import Any
+from itertools import islice, product
+from typing import Any, Literal
 
 import sympy
 
 from lagrange.mechanics.grading.budget import LARGEST_EXPANSION, LARGEST_POWER, check_budget, expansion
 from lagrange.mechanics.grading.student_equations import HELD
 
-Numbers = list[Any]
-"""Values of an expression at the samples."""
-
-Write = Callable[[Any], str]
-"""Function that returns the text of an expression in plain symbols."""
-
-LARGEST_MULTIPLE = 20
-"""Largest multiple of an angle whose sine is expanded."""
-
-MOST_TERMS = 2_000
-"""Largest number of terms of an expanded sum in which a wrong term is searched."""
-
-LARGEST_FACTOR = 1000
-"""Largest denominator of a fraction that approximates a constant factor."""
+Numbers = list[Any]  # Values of an expression at the samples
+Write = Callable[[Any], str]  # Function that returns the text of an expression in plain symbols
+LARGEST_MULTIPLE = 20  # Largest multiple of an angle whose sine is expanded
+MOST_TERMS = 2_000  # Largest number of terms of an expanded sum in which a wrong term is searched
+LARGEST_FACTOR = 1000  # Largest denominator of a fraction that approximates a constant factor
 
 LARGEST_NUMERATOR = 10**6
 """Largest constant factor: the fraction of a number with an exponent of many digits takes minutes."""
-
-MISSING, EXTRA, SCALED, WRONG = range(4)
 
 
 @dataclass(frozen=True)
 class Difference:
     """Difference of a term: `there` is the expression that was typed, `wanted` the right one in its place.
 
-    `kind` is MISSING, EXTRA, SCALED or WRONG. If it is SCALED, `there` is the constant `ratio` times `wanted`.
+    If `kind` is "scaled", `there` is the constant `ratio` times `wanted`.
     """
 
-    kind: int
+    kind: Literal["missing", "extra", "scaled", "wrong"]
     there: Any
     wanted: Any
     ratio: Fraction = Fraction(1)
 
-    def told(self, product: Any, sign: int, write: Write) -> str:
-        """Return the end of a sentence on the difference.
+    def told(self, factor: Any, write: Write) -> str:
+        """Return the end of a sentence on the difference. Both expressions are first multiplied by `factor`.
 
-        Both expressions are first multiplied by `product` and by `sign`. `write` turns an expression into text.
+        `write` turns an expression into text.
         """
-        there, wanted = (sign * part * product for part in (self.there, self.wanted))
-        if self.kind == MISSING:
-            return f"the {_kind(wanted)} {write(wanted)} is missing."
-        named = f"the {_kind(there)} {write(there)}"
-        if self.kind == EXTRA:
-            return f"{named} should not be there."
-        if self.kind == WRONG:
-            return f"{named} is wrong: it should be {write(wanted)}."
-        if self.ratio == -1:
-            return f"{named} has the wrong sign: it should be {write(wanted)}."
-        times = f"{self.ratio} times what it should be"
-        return f"{named} has the wrong factor: it is {times}, {write(wanted)}."
-
-
-def _kind(expression: Any) -> str:
-    return "sum" if expression.is_Add else "term"
+        there, wanted = self.there * factor, self.wanted * factor
+        shown = wanted if self.kind == "missing" else there
+        named = f"the {'sum' if shown.is_Add else 'term'} {write(shown)}"
+        if self.kind in ("missing", "extra"):
+            return f"{named} {'is missing' if self.kind == 'missing' else 'should not be there'}."
+        if self.kind == "scaled" and self.ratio != -1:
+            return f"{named} has the wrong factor: it is {self.ratio} times what it should be, {write(wanted)}."
+        return f"{named} {'is wrong' if self.kind == 'wrong' else 'has the wrong sign'}: it should be {write(wanted)}."
 
 
 def summands(expression: Any) -> tuple[Any, ...]:
@@ -81,18 +61,14 @@ def summands(expression: Any) -> tuple[Any, ...]:
         factors = sympy.Mul.make_args(waiting.pop())
         sums = [factor for factor in factors if factor.is_Add]
         if sums:
-            waiting += _choices([factor for factor in factors if not factor.is_Add], sums)
+            rest = [factor for factor in factors if not factor.is_Add]
+            choices = islice(product(*(total.args for total in sums)), MOST_TERMS + 1)
+            waiting += (sympy.Mul(*rest, *choice) for choice in choices)
         else:
             terms.append(sympy.Mul(*factors))
         if len(terms) + len(waiting) > MOST_TERMS:
             return (expression,)
     return tuple(terms)
-
-
-def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
-    """Yield the terms of the expanded product of the sums `sums` and the factors `rest`, at most MOST_TERMS + 1."""
-    for choice in islice(every_choice(*(total.args for total in sums)), MOST_TERMS + 1):
-        yield sympy.Mul(*rest, *choice)
 
 
 def expanded(expression: Any) -> tuple[Any, ...]:

@@ -7,51 +7,317 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from functools import lru_cache
+from itertools import combinations, product
 from typing import Any
 
 import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
+from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
 from lagrange.mechanics.grading.budget import check_budget
-from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
-from lagrange.mechanics.grading.one_change import evaluated, one_change
-from lagrange.mechanics.grading.student_equations import EquationRow, StudentEquation, row_of
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
+from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
+from lagrange.mechanics.grading.student_equations import (
+    EquationRow,
+    StudentEquation,
+    along_motion,
+    rate_symbols,
+    row_of,
+    tape,
+    values_at,
+)
 from lagrange.mechanics.grading.term_difference import (
-    EXTRA,
-    MISSING,
-    SCALED,
-    WRONG,
     Difference,
     Numbers,
     Write,
+    expanded,
     same,
     summands,
 )
-from lagrange.mechanics.grading.wrong_side import (
-    place_of,
-    rate_symbols,
-    right_denominators,
-    right_terms,
-    told_change,
-    wrong_momentum,
-)
 from lagrange.mechanics.plain_form import simplest
+from lagrange.statement.coordinate import constraint_of, t
 from lagrange.statement.statement import Statement
 
+MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
+
+LONGEST_SOLVED = 300
+"""Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
+
+LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a message quotes
+LONGEST_FORMULA = 3_000
+"""Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
+
+LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
+MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
 LONGEST_SLIP = 400
 """Largest number of operations in all equations together for which slips are tried; each slip costs evaluations."""
 
-MOST_SYMBOLS = 12
-"""Largest number of coordinates and parameters for which slips are tried."""
+MOST_SYMBOLS = 12  # Largest number of coordinates and parameters for which slips are tried
 
 _CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
 
 Slip = tuple[str, Mapping[Any, Any]]
 """A sentence, and the substitution {symbol or function: replacement} that undoes the slip."""
+
+
+@dataclass(frozen=True)
+class WrongTerm:
+    """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
+
+    `cost` is the cost of the change of this term, infinite if several are wrong.
+    """
+
+    sentence: str
+    alone: bool = False
+    cost: float = math.inf
+
+
+def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
+    """Return the wrong term of an equation that does not hold. `write` turns an expression into text.
+
+    Raises BudgetSpent if the time is up.
+    """
+    check_budget()
+    label = f"{row.label[0].upper()}{row.label[1:]}"
+    constraints = row.statement.constraints
+    part = wrong_momentum(row, derivation, samples, write)
+    if part:
+        return WrongTerm(part, alone=True, cost=0.0)
+    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
+    if change is not None:
+        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
+    still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
+    if still and not constraints:
+        example = "{0}'' or {0}_ddot".format(row.statement.names[0])
+        end = f"contains no acceleration such as {example}: it is not an equation of motion."
+        return WrongTerm(f"{label} does not hold, and {end}")
+    if still:
+        zeros = [constraint.expression.xreplace(row.statement.plain) for constraint in constraints]
+        listed = [f"{known.name}, {write(zero)} = 0" for known, zero in zip(constraints, zeros, strict=True)]
+        which = "the constraint is" if len(listed) == 1 else "the constraints are"
+        return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
+    first = _first_of_several(row, derivation, samples, write)
+    return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
+
+
+def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
+
+    The terms are compared with those of each right equation, multiplied by a factor for which at least one term agrees.
+    """
+    typed = [(k, term) for k in (0, 1) for term in summands(row.sides[k]) if term != 0]
+    best: tuple[int, float] = (0, 0.0)
+    sentence = ""
+    for name, zero in _right_rows(row, derivation):
+        right = summands(zero)
+        if len(typed) + len(right) > MOST_MATCHED:
+            continue
+        try:
+            values = evaluated([term if k == 0 else -term for k, term in typed], row.statement, samples)
+            expected = evaluated(right, row.statement, samples)
+        except OutsideDomain:
+            continue
+        anchors = range(1 if row.sides[0] in row.slopes else len(typed))  # the left side of a solved equation is right
+        for i, j in product(anchors, range(len(right))):
+            factor = typed[i][1] / right[j] * (-1) ** typed[i][0]
+            if factor.has(*row.slopes) or not all(expected[j]):
+                continue
+            scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
+            left, lacking = _unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
+            rank = (len(typed) - len(left), -float(factor.count_ops()))
+            if rank > best:
+                best = rank
+                sentence = _told(name, row, [typed[k] for k in left], [factor * right[k] for k in lacking], write)
+    return sentence
+
+
+def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
+    """Return (coordinate name, left - right side) of the equations of motion, solved for accelerations if `row` is."""
+    statement, rates = derivation.statement, rate_symbols(derivation.statement)
+    rows: list[tuple[str, Any]] = []
+    with suppress(StatementError):
+        accelerations = list(statement.plain.values())[2::3]
+        if row.sides[0] in accelerations and not row.sides[1].has(*accelerations) and not statement.constraints:
+            solved = zip(statement.names, accelerations, derivation.accelerations.values(), strict=True)
+            rows += [(name, left - right) for name, left, right in solved if right.count_ops() <= LONGEST_FORMULA]
+        else:
+            zeros = [law.lhs - law.rhs for law in derivation.equations]
+            rows += zip(statement.names, zeros, strict=False)
+    return [(name, zero.xreplace(rates).xreplace(statement.plain)) for name, zero in rows]
+
+
+def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
+    """Return the indices of the entries of `left` that are not in `right`, and of those of `right` not in `left`."""
+    kept, rest = [], list(range(len(right)))
+    for i, values in enumerate(left):
+        match = next((j for j in rest if same(values, right[j])), None)
+        kept += [i] if match is None else []
+        rest = [j for j in rest if j != match]
+    return kept, rest
+
+
+def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
+    """Return a sentence on the first wrong term, with the right term in `lacking` that resembles it most.
+
+    `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
+    """
+    if not typed:
+        return f"{place_of(name, row)} {Difference('missing', sympy.S.Zero, lacking[0]).told(sympy.S.One, write)}"
+    side, term = typed[0]
+    words = " on the right side" if side and row.sides[0] != 0 else ""
+    if not lacking:
+        return f"{place_of(name, row)}{words} {Difference('extra', term, sympy.S.Zero).told(sympy.S.One, write)}"
+    factors = set(term.as_powers_dict())
+    nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
+    wanted = simplest(nearest if side == 0 else -nearest)
+    ratio = sympy.cancel(term / wanted) if term.count_ops() + wanted.count_ops() <= LONGEST_RATIO else sympy.nan
+    difference = Difference("wrong", term, wanted)
+    if ratio.is_Rational:
+        difference = Difference("scaled", term, wanted, Fraction(ratio.p, ratio.q))
+    return f"{place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
+
+
+@lru_cache(maxsize=1)
+def right_terms(derivation: Derivation) -> list[Any]:
+    """Return the terms of the right equations, in plain symbols.
+
+    They are the equations of motion, the constraints, the time derivatives of the constraints, and the masses. Rates of
+    rotations stay symbols. Equations that are too large to write out are omitted.
+    """
+    statement = derivation.statement
+    rates = rate_symbols(statement)
+    zeros = [constraint.expression.xreplace(statement.plain) for constraint in statement.constraints]
+    zeros += [along_motion(zero, statement) for zero in zeros]
+    zeros += [along_motion(zero, statement) for zero in zeros[len(statement.constraints) :]]
+    with suppress(StatementError):
+        laws = [(law.lhs - law.rhs).xreplace(rates).xreplace(statement.plain) for law in derivation.equations]
+        zeros = laws + zeros + [entry.xreplace(statement.plain) for entry in derivation.mass_matrix]
+    parts = [summands(zero) for zero in zeros]
+    few, parameters = [terms for terms in parts if len(terms) <= MOST_SHARED], statement.parameters
+    # The sum of all terms with one parameter, such as a stiffness, in factored form.
+    sharing = [sympy.Add(*(term for term in terms if term.has(p))) for terms in few for p in parameters]
+    terms = [term for zero in zeros for term in (*sympy.Add.make_args(zero), *expanded(zero))]
+    return terms + [total for total in map(sympy.factor_terms, sharing) if total.has(sympy.Add)]
+
+
+@lru_cache(maxsize=1)
+def right_denominators(derivation: Derivation) -> list[Any]:
+    """Return the denominators of the accelerations, in plain symbols, except those too large to write out."""
+    statement = derivation.statement
+    if statement.constraints or statement.rotations:
+        return []
+    with suppress(StatementError):
+        solved = [a for a in derivation.accelerations.values() if a.count_ops() <= LONGEST_SOLVED]
+        below = [sympy.fraction(sympy.together(a.xreplace(statement.plain)))[1] for a in solved]
+        return list(dict.fromkeys(below))
+    return []
+
+
+def told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
+    """Return a sentence on the only wrong term of an equation, with its sign as it was typed."""
+    place, difference = change.place, change.difference
+    start = place_of(_meant(change.row, sample), row)
+    if place.below:
+        corrected = place.whole - difference.there + difference.wanted
+        return f"{start} the denominator {write(place.whole)} is wrong: it should be {write(corrected)}."
+    side, other = (row.sides[k] for k in (place.side, 1 - place.side))
+    right = " on the right side" if place.side and other != 0 else ""
+    solved = place.side and other in list(row.slopes)[: len(sample.accelerations)]
+    if solved and difference.there == side and (side.is_Add or (side.has(sympy.Add) and difference.ratio == -1)):
+        factor = sympy.cancel(difference.there / difference.wanted)
+        if factor.count_ops() <= LONGEST_FACTOR:
+            return f"{start} the right side {_told_factor(factor, write)}"
+    if difference.kind == "wrong" and not place.path:
+        (above, below), (other, right_below) = map(sympy.fraction, (difference.there, difference.wanted))
+        if below.is_Add and above == other:
+            return f"{start} the denominator {write(below)} is wrong: it should be {write(right_below)}."
+    ending = difference.told(place.around, write)
+    name = next((constraint_of(x) for x in difference.wanted.free_symbols if constraint_of(x) is not None), None)
+    if difference.kind == "missing" and name is not None:
+        ending = ending.replace(" is missing.", f", the force of the constraint {name}, is missing.")
+    return f"{start}{right} {ending}"
+
+
+def _meant(row: EquationRow, sample: MotionSample) -> str:
+    """Return the coordinate or coordinates whose equation of motion `row` is, or the name of its constraint, or ""."""
+    names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
+    still = not any(row.slopes.values()) and not sample.first_order
+    slopes = row.leading(sample)
+    along = values_at(tape([sympy.diff(row.zero, q) for q in plain[::3]], row.statement), sample) if still else slopes
+    for constraint, line in zip(row.statement.constraints, sample.gradient, strict=False):
+        if not any(slopes[len(names) :]) and _parallel(along[: len(names)], line):
+            return f"the constraint {constraint.name}"
+    left = row.sides[0].as_coeff_Mul()[1]
+    if left in unknowns[: len(names)] or (sample.first_order and left in plain[1::3]):
+        return names[plain.index(left) // 3]
+    if row.statement.rotations or not any(slopes[: len(names)]):
+        return ""
+    try:
+        weights = solve_dense(sample.mass, slopes[: len(names)], SINGULAR)
+    except OutsideDomain:
+        return ""
+    used = [name for name, w in zip(names, weights, strict=True) if abs(w) > SINGULAR * max(map(abs, weights))]
+    return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
+
+
+def place_of(name: str, row: EquationRow) -> str:
+    """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
+    return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
+
+
+def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
+    """Return True if two vectors that are not zero have the same or opposite directions."""
+    size = max(map(abs, left)) * max(map(abs, right))
+    pairs = combinations(zip(left, right, strict=True), 2)
+    return size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
+
+
+def _told_factor(factor: Any, write: Write) -> str:
+    """Return the end of a sentence on a side of an equation that differs from the right one by a factor."""
+    if factor == -1:
+        return "has the wrong sign: it is -1 times what it should be."
+    above, below = sympy.fraction(factor)
+    if above.free_symbols:
+        return f"has the wrong denominator: it should be divided by {write(factor)}."
+    if factor.free_symbols and above == 1:
+        return f"has the wrong denominator: it should be multiplied by {write(below)}."
+    return f"has the wrong factor: it is {write(factor)} times what it should be."
+
+
+def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if only an expression under a typed d/dt is wrong; else ""."""
+    for typed in dict.fromkeys(row.differentiated):
+        check_budget()
+        for name, expected in _momenta(derivation, typed):
+            change = along_motion(expected - typed, row.statement)
+            for sign in (1, -1):  # on the left side, or on the right
+                corrected = row_of(StudentEquation(row.label, row.zero + sign * change), row.statement)
+                if corrected.holds(samples):
+                    sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
+                    return f"{place_of(name, row)} {sentence}"
+    return ""
+
+
+def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
+    """Yield (coordinate's name, constant times its momentum) for momenta that a `typed` expression may mean."""
+    statement = derivation.statement
+    try:
+        momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
+    except StatementError:
+        return
+    ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
+    for name, momentum in zip(statement.names, momenta, strict=True):
+        if momentum == 0 or momentum.count_ops() > LONGEST_SOLVED:
+            continue
+        factor = sympy.cancel(typed / momentum).xreplace(ones)
+        sign = sympy.Integer(-1 if factor.could_extract_minus_sign() else 1)
+        for constant in dict.fromkeys((sign, factor)):
+            if constant.is_finite is not False and constant != 0:
+                yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
 
 
 def slip_of(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, alone: bool) -> str:
@@ -146,135 +412,3 @@ def _slips(zeros: Sequence[Any], statement: Statement, *, alone: bool) -> Iterat
             if alone and not any(f.has(q) for f in circular):
                 continue  # a factor of one linear term is told already
             yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
-
-
-LONGEST_FORMULA = 3_000
-"""Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
-
-LONGEST_RATIO = 60
-"""Largest number of operations of two terms whose ratio is simplified."""
-
-MOST_MATCHED = 60
-"""Largest number of terms of an equation that are matched one by one with those of a right equation."""
-
-
-@dataclass(frozen=True)
-class WrongTerm:
-    """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
-
-    `cost` is the cost of the change of this term, infinite if several are wrong.
-    """
-
-    sentence: str
-    alone: bool = False
-    cost: float = math.inf
-
-
-def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
-    """Return the wrong term of an equation that does not hold. `write` turns an expression into text.
-
-    Raises BudgetSpent if the time is up.
-    """
-    check_budget()
-    label = f"{row.label[0].upper()}{row.label[1:]}"
-    constraints = row.statement.constraints
-    part = wrong_momentum(row, derivation, samples, write)
-    if part:
-        return WrongTerm(part, alone=True, cost=0.0)
-    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
-    if change is not None:
-        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
-    still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
-    if still and not constraints:
-        name = row.statement.names[0]
-        return WrongTerm(
-            f"{label} does not hold, and contains no acceleration such as {name}'' or {name}_ddot: it is not an "
-            "equation of motion."
-        )
-    if still:
-        listed = [
-            f"{constraint.name}, {write(constraint.expression.xreplace(row.statement.plain))} = 0"
-            for constraint in constraints
-        ]
-        which = "the constraint is" if len(listed) == 1 else "the constraints are"
-        return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
-    first = _first_of_several(row, derivation, samples, write)
-    return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
-
-
-def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
-
-    The terms are compared with those of each right equation, multiplied by a factor for which at least one term agrees.
-    """
-    typed = [(k, term) for k in (0, 1) for term in summands(row.sides[k]) if term != 0]
-    best: tuple[int, float] = (0, 0.0)
-    sentence = ""
-    for name, zero in _right_rows(row, derivation):
-        right = summands(zero)
-        if len(typed) + len(right) > MOST_MATCHED:
-            continue
-        try:
-            values = evaluated([term if k == 0 else -term for k, term in typed], row.statement, samples)
-            expected = evaluated(right, row.statement, samples)
-        except OutsideDomain:
-            continue
-        anchors = range(1 if row.sides[0] in row.slopes else len(typed))  # the left side of a solved equation is right
-        for i, j in product(anchors, range(len(right))):
-            factor = typed[i][1] / right[j] * (-1) ** typed[i][0]
-            if factor.has(*row.slopes) or not all(expected[j]):
-                continue
-            scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
-            left, lacking = _unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
-            rank = (len(typed) - len(left), -float(factor.count_ops()))
-            if rank > best:
-                best = rank
-                sentence = _told(name, row, [typed[k] for k in left], [factor * right[k] for k in lacking], write)
-    return sentence
-
-
-def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, left - right side) of the equations of motion, solved for accelerations if `row` is."""
-    statement, rates = derivation.statement, rate_symbols(derivation.statement)
-    rows: list[tuple[str, Any]] = []
-    with suppress(StatementError):
-        accelerations = list(statement.plain.values())[2::3]
-        if row.sides[0] in accelerations and not row.right.has(*accelerations) and not statement.constraints:
-            solved = zip(statement.names, accelerations, derivation.accelerations.values(), strict=True)
-            rows += [(name, left - right) for name, left, right in solved if right.count_ops() <= LONGEST_FORMULA]
-        else:
-            zeros = [law.lhs - law.rhs for law in derivation.equations]
-            rows += zip(statement.names, zeros, strict=False)
-    return [(name, zero.xreplace(rates).xreplace(statement.plain)) for name, zero in rows]
-
-
-def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
-    """Return the indices of the entries of `left` that are not in `right`, and of those of `right` not in `left`."""
-    kept, open_right = [], list(range(len(right)))
-    for i, values in enumerate(left):
-        match = next((j for j in open_right if same(values, right[j])), None)
-        if match is None:
-            kept.append(i)
-        else:
-            open_right.remove(match)
-    return kept, open_right
-
-
-def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
-    """Return a sentence on the first wrong term, with the right term in `lacking` that resembles it most.
-
-    `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
-    """
-    if not typed:
-        return f"{place_of(name, row)} {Difference(MISSING, sympy.S.Zero, lacking[0]).told(sympy.S.One, 1, write)}"
-    side, term = typed[0]
-    words = " on the right side" if side and row.sides[0] != 0 else ""
-    if not lacking:
-        return f"{place_of(name, row)}{words} {Difference(EXTRA, term, sympy.S.Zero).told(sympy.S.One, 1, write)}"
-    factors = set(term.as_powers_dict())
-    nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
-    wanted = simplest(nearest if side == 0 else -nearest)
-    ratio = sympy.cancel(term / wanted) if term.count_ops() + wanted.count_ops() <= LONGEST_RATIO else sympy.nan
-    kind = SCALED if ratio.is_Rational else WRONG
-    difference = Difference(kind, term, wanted, Fraction(ratio.p, ratio.q) if kind == SCALED else Fraction(1))
-    return f"{place_of(name, row)}{words} {difference.told(sympy.S.One, 1, write)}"

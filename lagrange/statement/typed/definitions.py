@@ -12,17 +12,13 @@ from lagrange.statement.typed.remarks import Clause
 from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.letters import GREEK
 
-_CONSTANT = (["const"], ["constant"], ["konst"])
-"""Right sides that state that a quantity is constant."""
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
-"""A name that a line may define."""
+_CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that a quantity is constant
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # A name that a line may define
 
 _FORCE = re.compile(r"[TNSF](?:_?[0-9A-Za-z])?")
 """A name of a force such as a tension T1, which two equations may have: one defines it for the other."""
 
-_LONE = (("",), ("", "2"), ("", "^", "2"))
-"""Sides that a definition may have: a name, written as "", and its square."""
+_LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: a name, written as "", and its square
 
 
 def is_constant(side: Sequence[Token]) -> bool:

@@ -5,22 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 from lagrange.statement.typed.tokens import Token
 
-OPENING = {"(": ")", "[": "]", "{": "}"}
-"""Opening brackets and their closing brackets."""
+OPENING = {"(": ")", "[": "]", "{": "}"}  # Opening brackets and their closing brackets
 
-_TOP = re.compile(r"d([0-9]?)(.*)", re.DOTALL)
-_BOTTOM = re.compile(r"dt([0-9]?)")
-LONGEST_CALL = 300
-"""Most tokens of a call such as diff(x, t, 2)."""
+LONGEST_QUOTIENT = 20  # Most tokens of d^n or of /dt^n
+LONGEST_CALL = 300  # Most tokens of a call such as diff(x, t, 2)
 
 _CALLS = ("diff", "Diff", "Derivative")
 
 
-NESTED = 5
-"""Most levels of nested dots and of derivatives inside diff(...); the readers of both are recursive."""
+NESTED = 5  # Most levels of nested dots and of derivatives inside diff(...); the readers of both are recursive
 
 
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
@@ -134,7 +131,8 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
     replaced: list[Token] = []
     i = 0
     while i < len(tokens):
-        match = _quotient(tokens, i) or _call(tokens, i)
+        match = _quotient(tokens, i) if tokens[i].text[0] in "d({" else None
+        match = match or _call(tokens, i)
         if match is None:
             if (
                 tokens[i].is_sign(")")
@@ -158,14 +156,46 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
 _Rate = tuple[int, list[Token], int]
 """Order of a derivative, tokens of its operand (none if the operand follows), and the next index."""
 
+_POWER = r"(\^(?:\([0-9]+ \)|[0-9]+ ))?"
+_TOP = re.compile(rf"(\()?d(?:([0-9]?)([^\W\d]\S*) |([0-9]?) {_POWER})")
+_BOTTOM = [re.compile(rf"(?:\(t \))?{closed}/(\()?d ?t([0-9]?) {_POWER}(?(1)\){_POWER})") for closed in ("", r"\)")]
+"""Numerators such as d^2, dx and d2x, and what follows without and with a bracket around the numerator: (t)/dt^2.
+
+The patterns match tokens as `_spelled` writes them.
+"""
+
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the derivative d^n x / dt^n that begins at index i, or None."""
-    top = _top(tokens, i)
-    if top is None or not _is_sign(tokens, top[2], "/"):
+    """Return the derivative d^n x / dt^n that begins at index i, where x may be joined to d; else None."""
+    top, after = _match(_TOP, tokens, i)
+    if top is None:
         return None
-    bottom = _bottom(tokens, top[2] + 1)
-    return (top[0], top[1], bottom[1]) if bottom and bottom[0] == top[0] else None
+    bracket, joined, name, digit, power = top.groups()
+    operand = [replace(tokens[after - 1], text=name)] if name else list[Token]()
+    if not name and after < len(tokens) and (tokens[after].kind == "word" or tokens[after].is_sign(*OPENING)):
+        end = after if tokens[after].kind == "word" else closing(tokens, after)
+        operand = list(tokens[after : end + 1])
+        after += len(operand)
+    bottom, after = _match(_BOTTOM[bracket is not None], tokens, after)
+    if bottom is None:
+        return None
+    orders = [(joined or digit, power), bottom.groups()[1:]]
+    above, below = (next((int(x.strip("^() ")) for x in order if x), 1) for order in orders)
+    return (above, operand, after) if above == below else None
+
+
+def _match(pattern: re.Pattern[str], tokens: Sequence[Token], i: int) -> tuple[re.Match[str] | None, int]:
+    """Return the match of a pattern with the tokens from index i on, and the index after it."""
+    texts = list(map(_spelled, tokens[i : i + LONGEST_QUOTIENT]))
+    match = pattern.match("".join(texts))
+    return match, i + 1 + [*accumulate(map(len, texts))].index(match.end()) if match else i
+
+
+def _spelled(token: Token) -> str:
+    """Return a token as `_quotient` reads it: round brackets for all, ^ before a superscript, a blank after words."""
+    if token.kind == "sign":
+        return {"{": "(", "}": ")"}.get(token.text, token.text)
+    return f"{'^' * (token.kind == 'power')}{token.text} " if token.kind in ("word", "number", "power") else "'"
 
 
 def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
@@ -188,58 +218,3 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     order = sum(1 if word == "t" else int(word) - 1 for word in by)
     brackets = (Token("sign", mark, place, place) for mark, place in (("(", inside[0].begin), (")", inside[-1].end)))
     return (order, [next(brackets), *inside[:comma], next(brackets)], end + 1) if order in (1, 2) else None
-
-
-def _top(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the order and the operand of the numerator d^n x at index `i`, where x may be joined to d; else None."""
-    bracket = _is_sign(tokens, i, "(", "{")
-    i += bracket
-    match = _TOP.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
-    if match is None:
-        return None
-    order, rest, operand = int(match.group(1) or 1), match.group(2), list[Token]()
-    if rest:
-        operand, i = [replace(tokens[i], text=rest)], i + 1
-    else:
-        order, i = (order, i + 1) if match.group(1) else _order(tokens, i + 1)
-        if i < len(tokens) and tokens[i].kind == "word":
-            operand = [tokens[i]]
-        elif _is_sign(tokens, i, *OPENING):
-            operand = list(tokens[i : closing(tokens, i) + 1])
-        i += len(operand)
-    if operand and [token.text for token in tokens[i : i + 3]] == ["(", "t", ")"]:
-        i += 3
-    if bracket and not _is_sign(tokens, i, ")", "}"):
-        return None
-    return order, operand, i + bracket
-
-
-def _bottom(tokens: Sequence[Token], i: int) -> tuple[int, int] | None:
-    """Return the order of the denominator dt^n at index `i`, and the next index; else None."""
-    bracket = _is_sign(tokens, i, "(", "{")
-    i += bracket
-    match = _BOTTOM.fullmatch(tokens[i].text) if i < len(tokens) and tokens[i].kind == "word" else None
-    if match is None:
-        if [token.text for token in tokens[i : i + 2]] != ["d", "t"]:
-            return None
-        i += 1
-    order, i = (int(match.group(1)), i + 1) if match and match.group(1) else _order(tokens, i + 1)
-    if bracket and not _is_sign(tokens, i, ")", "}"):
-        return None
-    return _order(tokens, i + 1) if bracket and order == 1 else (order, i + bracket)
-
-
-def _order(tokens: Sequence[Token], i: int) -> tuple[int, int]:
-    """Return the exponent at index `i`, or 1 if there is none, and the next index."""
-    if i < len(tokens) and tokens[i].kind == "power" and tokens[i].text.isdigit():
-        return int(tokens[i].text), i + 1
-    if _is_sign(tokens, i, "^"):
-        bracket = _is_sign(tokens, i + 1, "{", "(")
-        digits = tokens[i + 1 + bracket].text if i + 1 + bracket < len(tokens) else ""
-        if digits.isdigit():
-            return int(digits), i + 2 + 2 * bracket
-    return 1, i
-
-
-def _is_sign(tokens: Sequence[Token], i: int, *signs: str) -> bool:
-    return i < len(tokens) and tokens[i].is_sign(*signs)

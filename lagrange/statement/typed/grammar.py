@@ -1,7 +1,8 @@
 """Parser of a typed formula: from tokens to the strict notation, with every product, power and bracket written out.
 
 Some texts have two readings: `g/2l`, `sin a b`, `sin x^2`, a word that is a product in two ways. The parser asks its
-`Choices` at each such place. Parsing again with other choices gives the other readings.
+`Choices` at each such place. Parsing again with other choices gives the other readings. Unknown words, impossible
+derivatives and unmatched brackets are found before.
 """
 
 from __future__ import annotations
@@ -9,23 +10,90 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import islice, product
+from itertools import islice, product, zip_longest
 
 from lagrange.statement.typed.derivatives import OPENING
-from lagrange.statement.typed.faults import TypedFault, differentiated
 from lagrange.statement.typed.names import Names, Piece
+from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.tokens import Token
+from lagrange.statement.vocabulary.letters import GREEK
 
-DEEPEST = 40
-"""Most levels of nested brackets, functions, fractions and exponents; the parser is recursive."""
-
-MOST_READINGS = 12
-"""Most readings of one text that are tried."""
+DEEPEST = 40  # Most levels of nested brackets, functions, fractions and exponents; the parser is recursive
+MOST_READINGS = 12  # Most readings of one text that are tried
 
 SUM, PRODUCT, POWER, ATOM = range(4)
 
 _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
 """Letters of constant angles at the end of the argument of a function."""
+
+
+class TypedFault(Exception):
+    """A fault of a typed text: its reason as a sentence without the final period, and its offset in the text.
+
+    `read` is the strict text of the equation before the fault, or "".
+    """
+
+    def __init__(self, reason: str, place: int, read: str = "") -> None:
+        super().__init__(reason)
+        self.reason, self.place, self.read = reason, place, read
+
+
+class UnknownWord(TypedFault):
+    """Fault of a word that is neither a symbol of the system nor a product of symbols."""
+
+
+def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
+    """Return the faults that are found before parsing: characters, unknown words, impossible derivatives, brackets."""
+    faults = _bracket_faults(tokens)
+    for token, following in zip_longest(tokens, tokens[1:]):
+        name = repr(token.text[:60])
+        if token.kind == "fault":
+            faults.append(TypedFault(token.text, token.begin))
+        elif token.kind == "index":
+            faults.append(TypedFault("a subscript follows no symbol", token.begin))
+        elif token.kind == "word":
+            powered = following is not None and (following.is_sign("^") or following.kind == "power")
+            readings = [r for r in names.readings(token.text) if powered or all(piece.kind != "e" for piece in r)]
+            if not readings:
+                prose = kind_of(token.text) == WORD and token.text not in GREEK.values()
+                hint = names.hint(token.text) or (" Write a remark after '#'." if prose else "")
+                faults.append(UnknownWord(f"{name} is not a symbol of this system.{hint}", token.begin))
+            elif not differentiated(readings, token, names):
+                faults.append(TypedFault(f"{name} has no derivative of this order here", token.begin))
+    return sorted(faults, key=lambda fault: fault.place)
+
+
+def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
+    """Return the readings of a word, with the dots of `token` on the first factor and its primes on the last one.
+
+    Readings whose symbols have no such derivative are left out.
+    """
+    results = []
+    for pieces in readings:
+        first = names.derivative(pieces[0], token.order) if token.order else pieces[0]
+        changed = [first, *pieces[1:]]
+        last = changed[-1]
+        if token.primes and last is not None:
+            changed[-1] = names.derivative(last, token.primes)
+        known = [piece for piece in changed if piece is not None]
+        if len(known) == len(changed):
+            results.append(known)
+    return results
+
+
+def _bracket_faults(tokens: Sequence[Token]) -> list[TypedFault]:
+    """Return the faults of unmatched brackets."""
+    faults, opened = [], []
+    for token in tokens:
+        if token.is_sign(*OPENING):
+            opened.append(token)
+        elif token.is_sign(*OPENING.values()):
+            if opened and OPENING[opened[-1].text] == token.text:
+                opened.pop()
+            else:
+                faults.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
+                opened = opened[:-1]
+    return faults + [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]
 
 
 @dataclass(frozen=True)
@@ -150,10 +218,7 @@ class _Parser:
         """Read terms with + and - between them."""
         text, moves = "", False
         while True:
-            sign = "+"
-            while self.next_is("+", "-"):
-                sign = sign if self.tokens[self.place].text == "+" else "-" if sign == "+" else "+"
-                self.place += 1
+            sign = "-" if self.negative() else "+"
             part = self.product()
             more = self.next_is("+", "-")
             if not (text or more or sign == "-"):
@@ -162,6 +227,14 @@ class _Parser:
             text += (f" {sign} " if text else "-" * (sign == "-")) + part.at(PRODUCT)
             if not more:
                 return Part(text, SUM, moves=moves)
+
+    def negative(self) -> bool:
+        """Read the signs before a value, and return True if their product is negative."""
+        negative = False
+        while self.next_is("+", "-"):
+            negative ^= self.tokens[self.place].text == "-"
+            self.place += 1
+        return negative
 
     def product(self) -> Part:
         """Read factors with *, / or nothing between them."""
@@ -180,11 +253,7 @@ class _Parser:
 
     def signed(self) -> Part:
         """Read a factor that may have a sign."""
-        negative = False
-        while self.next_is("+", "-"):
-            negative ^= self.tokens[self.place].text == "-"
-            self.place += 1
-        part = self.factor()
+        negative, part = self.negative(), self.factor()
         return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
 
     def divided(self, above: Part) -> Part:
@@ -198,7 +267,7 @@ class _Parser:
             if likely != bool(self.choices.take(f"division {'joined' if likely else 'apart'}", 2)):
                 while self.starts_value() and not (likely and self.tokens[self.place].spaced):
                     below = _times(below, self.factor())
-        return _over(above, below)
+        return _times(above, below, "/")
 
     def starts_value(self) -> bool:
         """Return True if the current token begins a factor."""
@@ -276,11 +345,8 @@ class _Parser:
                 raise TypedFault("'|' is never closed", token.begin)
             self.place += 1
             return self.called("abs", [inside])
-        self.place -= 1
-        shown = token.text if token.kind in ("sign", "number") else "a mark"
-        raise self.fault(
-            f"a value is missing before {shown[:20]!r}" if shown != "a mark" else "a mark follows no symbol"
-        )
+        missing = f"a value is missing before {token.text[:20]!r}"
+        raise TypedFault(missing if token.kind in ("sign", "number") else "a mark follows no symbol", token.begin)
 
     def operand(self) -> Part:
         """Read the operand of d/dt: a bracket or a product. Whether further factors belong to it is a choice."""
@@ -338,12 +404,9 @@ class _Parser:
             raise TypedFault(f"the argument of {function.text} is missing", function.begin)
         part = self.bare_factor()
         while self.goes_on(part):
-            if self.next_is("*", "/"):
-                joined = _times if self.next_is("*") else _over
-                self.place += 1
-                part = joined(part, self.bare_factor())
-            else:
-                part = _times(part, self.bare_factor())
+            sign = self.tokens[self.place].text if self.next_is("*", "/") else ""
+            self.place += len(sign)
+            part = _times(part, self.bare_factor(), sign or "*")
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 
     def goes_on(self, part: Part) -> bool:
@@ -387,13 +450,7 @@ class _Parser:
         return Part(name, moves=True)
 
 
-def _times(left: Part, right: Part) -> Part:
-    return Part(f"{left.at(PRODUCT)}*{right.at(PRODUCT)}", PRODUCT, left.number and right.number, _moves(left, right))
-
-
-def _over(above: Part, below: Part) -> Part:
-    return Part(f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below))
-
-
-def _moves(*parts: Part) -> bool:
-    return any(part.moves for part in parts)
+def _times(left: Part, right: Part, sign: str = "*") -> Part:
+    """Return the product of two parts, or their quotient for the `sign` "/"."""
+    text = f"{left.at(PRODUCT)}{sign}{right.at(PRODUCT if sign == '*' else POWER)}"
+    return Part(text, PRODUCT, left.number and right.number, left.moves or right.moves)

@@ -9,11 +9,9 @@ from lagrange.statement.vocabulary.letters import GREEK
 COMMAND_SIGNS = {
     **dict.fromkeys(("cdot", "times", "ast"), "*"),
     **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
+    **dict.fromkeys(("lbrace", "lparen"), "("),
+    **dict.fromkeys(("rbrace", "rparen"), ")"),
     "div": "/",
-    "lbrace": "(",
-    "rbrace": ")",
-    "lparen": "(",
-    "rparen": ")",
     "prime": "'",
 }
 """LaTeX commands that are signs, and their plain signs."""
@@ -28,34 +26,14 @@ WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "
 """LaTeX commands whose group is one word."""
 
 SPACES = (
-    *("quad", "qquad", "left", "right", "big", "Big", "bigg", "Bigg", "bigl", "bigr", "Bigl", "Bigr", "displaystyle"),
-    *(
-        "biggl",
-        "biggr",
-        "Biggl",
-        "Biggr",
-        "textstyle",
-        "limits",
-        "nonumber",
-        "notag",
-        "thinspace",
-        "space",
-        "hfill",
-        "blacksquare",
-    ),
+    *(f"{size}{side}" for size in ("big", "Big", "bigg", "Bigg") for side in ("", "l", "r")),
+    *("quad", "qquad", "left", "right", "displaystyle", "textstyle", "limits", "nonumber", "notag"),
+    *("thinspace", "space", "hfill", "blacksquare"),
 )
 """LaTeX commands that change only the appearance of a formula."""
 
-LETTER_COMMANDS = {name: name for name in GREEK.values()} | {
-    "varphi": "phi",
-    "vartheta": "theta",
-    "varepsilon": "epsilon",
-    "varrho": "rho",
-    "varsigma": "sigma",
-    "varpi": "pi",
-    "pi": "pi",
-    "ell": "ell",
-}
+LETTER_COMMANDS = {name: name for name in (*GREEK.values(), "pi", "ell")}
+LETTER_COMMANDS |= {f"var{name}": name for name in ("phi", "theta", "epsilon", "rho", "sigma", "pi")}
 """LaTeX commands that are letters, and their spelling in names."""
 
 FUNCTION_COMMANDS = {

@@ -1,12 +1,13 @@
 """Lines of a text with equations: text outside of formulas is blanked out, and continued lines are joined.
 
-The text keeps its length, so that offsets in it are those of the typed text.
+The text keeps its length, so that offsets in it are those of the typed text. Of a document that cannot be read as a
+whole the formulas are kept, or the section of the equations of motion.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
@@ -32,7 +33,7 @@ _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:r
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
 _CONSERVED = re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;&]|\.(?=\s)|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
+_SEPARATOR = re.compile(r"[;&\v]|\.(?=\s)|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
 _DEFINING = re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])")
 _THAT_IS = re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?")
 _LISTED = re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)")
@@ -65,7 +66,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     spans: list[tuple[int, int]] = []
     place = 0
     lines: list[str] = []
-    unlabelled = _without_coordinates(_without_bullets(blanked.split("\n")), is_coordinate)
+    unlabelled = _without_labels(blanked.split("\n"), is_coordinate)
     for line, frame in zip(unlabelled, framed, strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if depth_of(before) > 0 else _without_label(line))
@@ -84,48 +85,42 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
 def _unframed(text: str) -> str:
     r"""Return a text with blanks for \boxed{...} around an equation and for brackets around all equations.
 
-    Eq(a, b) becomes a = b.
+    Eq(a, b) becomes a = b. In a list of expressions that are zero, [a, b], a vertical tab replaces each comma.
     """
     frames = {match.end() - 1: match.start() for match in FRAMED.finditer(text)}
     first, last = len(text) - len(text.lstrip()), len(text.rstrip()) - 1
     frames |= {first: first} if text[first : first + 1] in ("{", "[") else {}
-    marks, opened = list(text), list[int]()
+    marks, opened, commas = list(text), list[int](), list[int]()
     for i, mark in enumerate(text if frames else ""):
         if mark in OPEN:
             opened.append(i)
         elif mark == "," and opened and text.startswith("Eq", frames.get(opened[-1], i)):
             marks[i] = "="
+        elif mark == "," and opened == [first] and not text[i - 1 : i + 2 : 2].isdigit():
+            commas.append(i)
         elif mark in CLOSE and opened:
             begin = opened.pop()
             start = frames.get(begin, i)
-            if start < begin or (start == first and i == last and "=" in marks):
+            listed = start == first and i == last
+            if start < begin or (listed and (commas or "=" in marks)):
                 marks[start : begin + 1], marks[i] = _spaces(text[start : begin + 1]), " "
+            for comma in commas if listed and "=" not in marks else ():
+                marks[comma] = "\v"
     return "".join(marks)
 
 
-def _without_bullets(lines: Sequence[str]) -> list[str]:
-    """Return lines with blanks for bullets, - or *, if every equation of a list begins with one.
+def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
+    """Return lines with blanks for bullets, - or *, if every equation has one, and for coordinates such as (r).
 
-    If only some lines begin with them, they are operators.
+    If only some lines begin with bullets, they are operators. A single coordinate may be a factor, so it stays.
     """
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
-    if len(stated) < 2 or not all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated):
-        return list(lines)
-    return [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) for line in lines]
-
-
-def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
-    """Return lines with blanks for labels such as (r) and (phi), if lines begin with at least two different ones.
-
-    A single label may be a factor, so it stays.
-    """
-    labels = [_COORDINATE.match(line) for line in lines]
-    labels = [label if label and is_coordinate(label.group(1)) else None for label in labels]
-    if len({label.group(1) for label in labels if label}) < 2:
-        return list(lines)
-    return [
-        " " * label.end() + line[label.end() :] if label else line for label, line in zip(labels, lines, strict=True)
-    ]
+    listed = len(stated) > 1 and all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated)
+    lines = [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) if listed else line for line in lines]
+    found = ((line, _COORDINATE.match(line)) for line in lines)
+    labels = [(line, label if label and is_coordinate(label.group(1)) else None) for line, label in found]
+    several = len({label.group(1) for _, label in labels if label}) > 1
+    return [" " * label.end() + line[label.end() :] if label and several else line for line, label in labels]
 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
@@ -163,7 +158,8 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]
-        if _EQUALITY.search(left) and _EQUALITY.search(right) and depth_of(left) == 0:
+        equations = _EQUALITY.search(left) and _EQUALITY.search(right)
+        if match.group() == "\v" or (equations and depth_of(left) == 0):
             spans.append((start, match.start()))
             start = match.end()
     return [*spans, (start, end)]
@@ -176,3 +172,43 @@ def _blank(pattern: re.Pattern[str], text: str) -> str:
 def _spaces(text: str) -> str:
     """Return blanks of the same length as a text, with its line breaks kept."""
     return re.sub(r"[^\n]", " ", text)
+
+
+_BODY = re.compile(r"\\begin\{document\}(.*?)\\end\{document\}", re.DOTALL)
+_MARK = r"[ \t]*(?:\\(?:sub)*section\*?\{|#+|\*\*)"
+_SECTION = re.compile(
+    rf"^(?:{_MARK})?[ \t]*(?:equations?[ ]of[ ]motion|bewegungsgleichung(?:en)?)[ \t]*(?:\}}|\*\*|:)*[ \t]*$"
+    rf"(.*?)(?=^{_MARK}|\n[ \t]*\n[^\s=\\$][^=\n\\$]*$|\Z)",
+    re.DOTALL | re.IGNORECASE | re.MULTILINE,
+)
+"""A heading on a line of its own, and the text up to the next one: after a blank line, not indented, without = or $."""
+
+_FORMULA = re.compile(
+    r"\$\$.*?\$\$|\$[^$]*\$|\\\[.*?\\\]|\\\(.*?\\\)"
+    r"|\\begin\{((?:equation|align|gather|multline|eqnarray|displaymath)\*?)\}.*?\\end\{\1\}",
+    re.DOTALL,
+)
+
+
+def parts_of_document(text: str) -> Iterator[str]:
+    """Yield versions of a document in which all but some formulas are blank: first all formulas, then its main section.
+
+    Texts keep their length. The main section has the equations of motion. If no formulas are marked, the first version
+    is left out.
+    """
+    body, section = _BODY.search(text), _SECTION.search(text)
+    for match in (body, section):
+        begin, end = match.span(1) if match else (0, len(text))
+        spans = [formula.span() for formula in _FORMULA.finditer(text, begin, end) if "=" in formula.group()]
+        if spans or match is section:
+            yield _only(text, spans or [(begin, end)])
+
+
+def _only(text: str, spans: list[tuple[int, int]]) -> str:
+    """Return a text with blanks outside of `spans`, and a semicolon after each span; line breaks are kept."""
+    blank = _spaces(text)
+    kept, place = [], 0
+    for begin, end in spans:
+        kept += [re.sub("^ ", ";", blank[place:begin]), text[begin:end]]
+        place = end
+    return "".join([*kept, blank[place:]])

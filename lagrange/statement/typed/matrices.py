@@ -8,15 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from lagrange.statement.typed.faults import TypedFault
+from lagrange.statement.typed.grammar import TypedFault
 from lagrange.statement.typed.latex import CELL, MATRIX, MATRIX_END, ROW
 from lagrange.statement.typed.tokens import Token, bracketed
 
-MOST_TOKENS = 4_000
-"""Most tokens of a product of matrices, which repeats their entries."""
-
-Matrix = list[list[list[Token]]]
-"""The tokens of each entry, by rows."""
+MOST_TOKENS = 4_000  # Most tokens of a product of matrices, which repeats their entries
+Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
 
 
 def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]:

@@ -6,29 +6,20 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cached_property
 
 from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
 
-RATES = ("", "_dot", "_ddot")
-"""Endings of a coordinate, its velocity and its acceleration in the strict notation."""
+RATES = ("", "_dot", "_ddot")  # Endings of a coordinate, its velocity and its acceleration in the strict notation
 
 SPELLINGS = (("",), ("dot",), ("ddot", "dotdot", "doubledot"))
 """Endings that people type in place of those in `RATES`, by the order of the derivative, without underscores."""
 
-LONGEST_SPLIT = 64
-"""Most characters of a word that is taken for a product of several symbols."""
-
-MOST_SPLITS = 4
-"""Most products that one word may mean; each is tried."""
-
-SIMILAR = 0.8
-"""Least similarity, from 0 to 1, of a name that a hint offers."""
-
-SHORTEST_HINT = 4
-"""Least number of characters of a name that a hint offers."""
+LONGEST_SPLIT = 64  # Most characters of a word that is taken for a product of several symbols
+MOST_SPLITS = 4  # Most products that one word may mean; each is tried
+SIMILAR = 0.8  # Least similarity, from 0 to 1, of a name that a hint offers
+SHORTEST_HINT = 4  # Least number of characters of a name that a hint offers
 
 FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign", "H": "heaviside"}
 FUNCTION_SPELLINGS |= {"sen": "sin", "arcsen": "asin", "arctg": "atan"}
@@ -88,6 +79,8 @@ class Names:
         self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTIONS}
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
+        # Symbols of factors within a word. The letter e is left out, since too many words contain it.
+        self._factors = {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
         self._readings: dict[str, list[list[Piece]]] = {}
 
     def _usual(self) -> Iterator[tuple[str, str]]:
@@ -106,13 +99,9 @@ class Names:
             spelled = "".join(GREEK.get(mark, mark) for mark in word)
             whole = self.exact.get(word) or self.exact.get(spelled)
             whole = whole or self.spellings.get(canonical(word)) or self.words.get(word)
-            known = self._splits(word) if whole is None else [[whole], *self._differential(word)]
-            self._readings[word] = known
+            divided = whole is None or (word.startswith("d") and "d" in self.exact and word != "d")  # d*theta
+            self._readings[word] = ([[whole]] if whole else []) + (self._splits(word) if divided else [])
         return self._readings[word]
-
-    def _differential(self, word: str) -> list[list[Piece]]:
-        """Return the reading d*theta of the word dtheta if the system has a symbol d; [] otherwise."""
-        return self._splits(word) if word.startswith("d") and "d" in self.exact and word != "d" else []
 
     def _splits(self, word: str) -> list[list[Piece]]:
         """Return the products of known symbols whose joined names are the word. Products of fewer factors come first.
@@ -129,17 +118,12 @@ class Names:
         for begin in range(len(key) - 1, -1, -1):
             products: list[list[Piece]] = []
             for end in range(len(key), begin, -1):
-                piece = self._whole.get(key[begin:end])
+                piece = self._factors.get(key[begin:end])
                 if piece is None or not best[end] or key[end : end + 1].isdigit() or end in subscripts:
                     continue
                 products += [[piece, *rest] for rest in best[end]]
             best[begin] = sorted(products, key=len)[:MOST_SPLITS]
         return best[0]
-
-    @cached_property
-    def _whole(self) -> dict[str, Piece]:
-        """{spelling: symbol} for factors within a word. The letter e is left out, since too many words contain it."""
-        return {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
 
     def order(self, tokens: Sequence[Token]) -> int:
         """Return the highest order of time derivatives in a formula; d/dt of an expression counts as order 2."""

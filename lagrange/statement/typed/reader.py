@@ -23,8 +23,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.definitions import Definition, Uses, is_constant
 from lagrange.statement.typed.derivatives import with_derivatives
-from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
-from lagrange.statement.typed.grammar import Choices, Formula, parsed
+from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of
 from lagrange.statement.typed.names import RATES, Names, canonical
@@ -32,14 +31,9 @@ from lagrange.statement.typed.remarks import Clause
 from lagrange.statement.typed.tokens import Token, bracketed, tokens_of
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
-LONGEST_TEXT = 8_000
-"""Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
-
-LONGEST_ANSWER = 60_000
-"""Most characters of a text with equations."""
-
-_VALUE = sympy.Dummy("value", real=True)
-"""A name that is defined, or its square."""
+LONGEST_TEXT = 8_000  # Most characters of one equation: the longest that the package prints for its scenes has 2,517
+LONGEST_ANSWER = 60_000  # Most characters of a text with equations
+_VALUE = sympy.Dummy("value", real=True)  # A name that is defined, or its square
 
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 """Words with marks that mean derivatives in formulas: Newton's, für."""
@@ -47,11 +41,8 @@ _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*
 _FREE = re.compile(rf"[A-Za-z](?:_?[0-9A-Z]|_[a-z])?|{'|'.join(GREEK.values())}")
 """A name that is not a symbol and may be a factor of both sides of an equation."""
 
-MOST_FREE = 3
-"""Most such names in one equation."""
-
-EQUAL = 1e-20
-"""Largest difference of equal numbers of 30 digits, relative to these or to 1."""
+MOST_FREE = 3  # Most such names in one equation
+EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to these or to 1
 
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
 """Words and signs on a line with an equation for small motions."""
@@ -66,26 +57,16 @@ _LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1
 _LETTERS |= {0x210E: "h", 0xFEFF: " "}
 """Plain letters for the italic ones of formula editors, and a blank for the mark at the start of some files."""
 
-MOST_CHAINED = 4
-"""Most definitions of which each uses the one on the line after it."""
-
-MOST_DEFINED = 40
-"""Most equations of one text that are tried as definitions."""
-
-MOST_EQUATIONS = 1_000
-"""Most equations of one text."""
-
-MOST_TOLD = 20
-"""Most faults that are written as sentences; fewer fit into a message."""
+MOST_CHAINED = 4  # Most definitions of which each uses the one on the line after it
+MOST_DEFINED = 40  # Most equations of one text that are tried as definitions
+MOST_EQUATIONS = 1_000  # Most equations of one text
+MOST_TOLD = 20  # Most faults that are written as sentences; fewer fit into a message
 
 LONGEST_REFUSAL = 360
 """Most characters of the faults listed in a message; with the count of the others it stays below 400."""
 
-READ_SO_FAR = " Before the first fault it is read as {}."
-"""Sentence on the part of an equation before its first fault."""
-
-LONGEST_SYMBOLS = 120
-"""Most characters of the list of symbols at the end of a message."""
+READ_SO_FAR = " Before the first fault it is read as {}."  # Sentence on the part of an equation before its first fault
+LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a message
 
 
 @dataclass(frozen=True)
@@ -126,7 +107,9 @@ class TypedReader:
     def __init__(self, symbols: Mapping[str, Any], others: Mapping[str, str]) -> None:
         self.symbols, self.others = dict(symbols), dict(others)
         self.names = Names(self.symbols, self.others, [name for name, x in symbols.items() if not x.is_Symbol])
-        self.rates = self._rates()
+        pairs = [(base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES)]
+        known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
+        self.rates = {low: high for low, high in known.items() if low.is_Symbol}  # {symbol: its time derivative}
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
         """Return a reader that knows the names which a text defines, and the other clauses of the text.
@@ -167,7 +150,39 @@ class TypedReader:
         """
         text = text.translate(_LETTERS)
         reader, clauses = self._clauses(text, what)
-        return reader._all(text, clauses, what)
+        found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
+        exact = any(reader.names.order(one.tokens) > 1 and not self._is_special(text, one) for one in clauses)
+        for clause in clauses:
+            if clause.is_value():
+                continue
+            moves = reader.names.order(clause.tokens) > 1
+            introduced = not moves and reader._is_introduced(text, clause.begin)
+            narrow = clause.equation(moves=moves)
+            named = len(clause.tokens) == 3 and reader._is_integral(*clause.sides())  # x' = v
+            special = exact and self._is_special(text, clause)
+            aside = special or (not moves and (clause.aside or introduced or named or narrow[0] > clause.begin))
+            try:
+                equations = reader._readings(clause, *narrow)
+            except _Faults as error:
+                left_out = reader._is_left_out(clause, narrow, moves=moves) or introduced or special
+                (remarks if left_out else faults).extend(error.faults)
+                continue
+            line = _line(text, clause.begin)
+            found += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
+        if faults or (remarks and not found):
+            raise StatementError(reader._refusal(text, faults or remarks, what))
+        return found
+
+    def _is_left_out(self, clause: Clause, narrow: tuple[int, int], *, moves: bool) -> bool:
+        """Return True if a clause that cannot be read is a remark or a general law, or has unknown names only.
+
+        `narrow` is the span of its equation without words around it. If it has an acceleration, `moves` is true.
+        """
+        words = [side for side in clause.part(*narrow).sides() if any(one.kind == "word" for one in side)]
+        foreign = [self._is_foreign(side) for side in words]
+        if clause.is_law(clause.begin, clause.end) or (foreign and all(foreign)):
+            return True
+        return any(foreign) and clause.is_remark() if moves else any(foreign) or clause.is_remark()
 
     def unknown(self, text: str, what: str = "") -> set[str]:
         """Return the unknown words in clauses with accelerations. `what` is the label of the text in messages."""
@@ -175,36 +190,6 @@ class TypedReader:
         moving = (clause for clause in clauses if reader.names.order(clause.tokens) > 1)
         words = {token.text for clause in moving for token in clause.formula() if token.kind == "word"}
         return {canonical(word) for word in words if not reader._reads(word)}
-
-    def _all(self, text: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
-        """Return the equations of clauses. Raises StatementError for faults, and if all clauses are remarks."""
-        found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
-        exact = any(self.names.order(one.tokens) > 1 and not self._is_special(text, one) for one in clauses)
-        for clause in clauses:
-            if clause.is_value():
-                continue
-            moves = self.names.order(clause.tokens) > 1
-            introduced = not moves and self._is_introduced(text, clause.begin)
-            narrow = clause.equation(moves=moves)
-            named = len(clause.tokens) == 3 and self._is_integral(*clause.sides())  # x' = v
-            aside = not moves and (clause.aside or introduced or named or narrow[0] > clause.begin)
-            special = exact and self._is_special(text, clause)
-            aside |= special
-            try:
-                equations = self._without_remarks(clause, *narrow)
-            except _Faults as error:
-                remark = clause.is_remark()
-                words = [side for side in clause.part(*narrow).sides() if any(one.kind == "word" for one in side)]
-                foreign = [self._is_foreign(side) for side in words]
-                left_out = clause.is_law(clause.begin, clause.end) or introduced or (len(foreign) > 0 and all(foreign))
-                left_out |= special or ((any(foreign) and remark) if moves else (any(foreign) or remark))
-                (remarks if left_out else faults).extend(error.faults)
-                continue
-            line = _line(text, clause.begin)
-            found += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
-        if faults or (remarks and not found):
-            raise StatementError(self._refusal(text, faults or remarks, what))
-        return found
 
     def _clause(self, text: str, begin: int, end: int) -> Clause:
         """Return text[begin:end] as a clause, with its tokens."""
@@ -236,21 +221,17 @@ class TypedReader:
         """Return True if a word is the name of a coordinate."""
         return any(len(pieces) == 1 and pieces[0].name in self.names.bases for pieces in self.names.readings(word))
 
-    def _without_remarks(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
-        """Return the readings of a clause, or of text[begin:end] if the whole cannot be read. Raises _Faults."""
+    def _readings(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a clause; a = b = c is two equations. Raises _Faults.
+
+        If the clause cannot be read as a whole, text[begin:end] is read.
+        """
         try:
-            return self._readings(clause)
+            return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
         except _Faults:
             if begin >= end or (begin, end) == (clause.begin, clause.end):
                 raise
-            return self._readings(clause.part(begin, end))
-
-    def _readings(self, clause: Clause) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a clause; a = b = c is two equations. Raises _Faults."""
-        strict = None if clause.constant else self._strict(clause.shown)
-        if strict is not None:
-            return [(strict,)]
-        return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
+            return self._readings(clause.part(begin, end), begin, end)
 
     def _readings_of(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
         """Return all readings of one equation, the likeliest first. Raises _Faults if there are none.
@@ -265,19 +246,14 @@ class TypedReader:
             faults[0].read = self._read_before(sides, faults[0].place)
             raise _Faults(faults)
         choices = Choices()
-        first = self._formulas(sides, choices)
-        formulas = [first]
-        for chosen in choices.others():
-            try:
-                other = self._formulas(sides, Choices(chosen))
-            except _Faults:
-                continue
-            if other not in formulas:
-                formulas.append(other)
+        formulas = [self._formulas(sides, choices)]
         readings = [self._built(formulas[0], begin)]
-        for formula in formulas[1:]:
+        for chosen in choices.others():
             with suppress(_Faults):
-                readings.append(self._built(formula, begin))
+                other = self._formulas(sides, Choices(chosen))
+                if other not in formulas:
+                    formulas.append(other)
+                    readings.append(self._built(other, begin))
         return tuple(readings)
 
     def _without_free_names(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
@@ -295,16 +271,14 @@ class TypedReader:
             readings = reader._readings_of(sides, begin)
         except _Faults:
             return ()
-        return tuple(
-            Reading(
-                reading.zero.xreplace(ones),
-                reading.right.xreplace(ones),
-                reading.read,
-                tuple(one.xreplace(ones) for one in reading.differentiated),
-            )
-            for reading in readings
-            if all(_is_factor(symbol, reading.zero) for symbol in ones)
-        )
+        cancelled = []
+        for reading in readings:
+            if all(_is_factor(symbol, reading.zero) for symbol in ones):
+                zero, right, *inside = (
+                    x.xreplace(ones) for x in (reading.zero, reading.right, *reading.differentiated)
+                )
+                cancelled.append(Reading(zero, right, reading.read, tuple(inside)))
+        return tuple(cancelled)
 
     def _read_before(self, sides: Sequence[Sequence[Token]], place: int) -> str:
         """Return the strict text of the part of an equation before an offset `place`, without operators at its end."""
@@ -358,18 +332,6 @@ class TypedReader:
                     known |= {definition.name + RATES[order]: rate} if rate != 0 else {}
             return known if definition.lone or len(known) > 1 else {}
         return {}
-
-    def _strict(self, text: str) -> Reading | None:
-        """Return the reading of a text that is in the strict notation; None for any other text."""
-        sides = text.strip().replace("==", "=").split("=")
-        if len(sides) > 2 or any(mark in text for mark in "<>!"):
-            return None
-        try:
-            values = [read_expression(side, self.symbols) for side in sides]
-        except SceneError:
-            return None
-        shown = " = ".join(" ".join(side.split()) for side in sides)
-        return _reading(values, shown)
 
     def _equated(self, clause: Clause) -> list[list[list[Token]]]:
         """Return the equations of a clause, as lists of sides. Raises _Faults.
@@ -440,13 +402,8 @@ class TypedReader:
             read = " = ".join(formula.shown for formula in formulas)
             fault = TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)
             raise _Faults([fault]) from None
-        return _reading(values, " = ".join(formula.shown for formula in formulas), differentiated)
-
-    def _rates(self) -> dict[Any, Any]:
-        """Return {symbol: its time derivative} for coordinates, velocities and given functions."""
-        pairs = ((base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES))
-        known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
-        return {low: high for low, high in known.items() if low.is_Symbol}
+        left, right = (*values, sympy.S.Zero)[:2]
+        return Reading(left - right, right, " = ".join(formula.shown for formula in formulas), tuple(differentiated))
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of `order` along the motion. Raises SceneError if a symbol has no derivative."""
@@ -455,21 +412,22 @@ class TypedReader:
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]
             if last:
                 raise SceneError(f"the time derivative of {last[0]} is in no equation of motion.")
-            terms = [
-                sympy.diff(expression, symbol) * rate for symbol, rate in self.rates.items() if expression.has(symbol)
-            ]
-            expression = sympy.Add(sympy.diff(expression, t), *terms)
+            pairs = [pair for pair in self.rates.items() if expression.has(pair[0])]
+            expression = sympy.Add(sympy.diff(expression, t), *(sympy.diff(expression, x) * rate for x, rate in pairs))
         return expression
 
     def _refusal(self, text: str, faults: Sequence[TypedFault], what: str) -> str:
         """Return the message: the faults with their places, as far as they fit, then the symbols of the system."""
-        if not any(self._known(word) for word in WORD.findall(text)):
+        pieces = (piece for word in WORD.findall(text) for reading in self.names.readings(word) for piece in reading)
+        if not any(piece.kind == "symbol" and piece.name != "t" for piece in pieces):
             shown = "".join(mark for mark in " ".join(text.split())[:60] if mark.isprintable())
-            return (
-                f"{what or 'the text'} '{shown}' has no symbol of this system. An answer is an equation "
-                f"{self.example()}"
-            )
-        sentences = [self._told(text, fault, what) for fault in faults[:MOST_TOLD]]
+            start = f"{what or 'the text'} '{shown}' has no symbol of this system."
+            return f"{start} An answer is an equation {self.example()}"
+        sentences = []
+        for fault in faults[:MOST_TOLD]:
+            line, column = _line(text, fault.place), fault.place - text.rfind("\n", 0, fault.place)
+            place = f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
+            sentences.append(f"{place}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}")
         end = f" The symbols are {self._symbols()}."
         if faults[0].read and len(sentences[0] + faults[0].read + end) < LONGEST_REFUSAL - len(READ_SO_FAR):
             end = READ_SO_FAR.format(faults[0].read) + end
@@ -480,23 +438,9 @@ class TypedReader:
         more = f" {left} more {'fault follows' if left == 1 else 'faults follow'}." if left else ""
         return " ".join(sentences[:kept]) + more + end
 
-    @staticmethod
-    def _told(text: str, fault: TypedFault, what: str) -> str:
-        """Return a fault as a sentence with its place: the line and column of a text, or the column of one equation."""
-        line, column = _line(text, fault.place), fault.place - text.rfind("\n", 0, fault.place)
-        place = f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
-        return f"{place}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}"
-
-    def _known(self, word: str) -> bool:
-        """Return True if a reading of a word contains a symbol other than t."""
-        return any(
-            piece.kind == "symbol" and piece.name != "t" for reading in self.names.readings(word) for piece in reading
-        )
-
     def example(self) -> str:
         """Return the end of a sentence: an example of an answer, and the symbols."""
-        first = self.names.bases[0] if self.names.bases else self.names.names[0]
-        return f"such as {first}'' = ... The symbols are {self._symbols()}."
+        return f"such as {[*self.names.bases, *self.names.names][0]}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:
         """Return the names of the system as a list for a message."""
@@ -516,11 +460,6 @@ class _Faults(Exception):
         self.faults = faults
 
 
-def _reading(values: Sequence[Any], read: str, differentiated: Sequence[Any] = ()) -> Reading:
-    right = values[1] if len(values) > 1 else sympy.S.Zero
-    return Reading(values[0] - right, right, read, tuple(differentiated))
-
-
 def _is_factor(symbol: Any, expression: Any) -> bool:
     """Return True if an expression is a power of a symbol times a factor without the symbol, or zero.
 
@@ -528,8 +467,8 @@ def _is_factor(symbol: Any, expression: Any) -> bool:
     """
     others = sorted(expression.free_symbols - {symbol}, key=str)
     pairs = []
-    for seed in (1, 2):
-        dice = random.Random(seed)
+    dice = random.Random(1)
+    for _ in range(2):
         point = {other: sympy.Float(dice.uniform(0.5, 1.5), 30) for other in others}
         pairs.append([sympy.N(expression.xreplace(point | {symbol: sympy.Integer(x)}), 30) for x in (1, 2)])
     (a, b), (c, d) = pairs

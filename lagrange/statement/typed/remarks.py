@@ -29,8 +29,7 @@ _CONNECTING = re.compile(
 OPERATIONS = {"plus": "+", "minus": "-", "times": "*", "mal": "*", "over": "/", "durch": "/"}
 """Words that are read as signs of operations."""
 
-_UNREAD = ("squared", "divided", "geteilt", "multiplied")
-"""Words for operations that are not read."""
+_UNREAD = ("squared", "divided", "geteilt", "multiplied")  # Words for operations that are not read
 
 _NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
 """Words that may not precede an equation, unless a comma and a connecting word follow."""

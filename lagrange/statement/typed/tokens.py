@@ -10,16 +10,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lagrange.statement.typed.latex import (
-    COMMAND_SIGNS,
-    DERIVATIVES,
-    FRACTIONS,
-    FUNCTION_COMMANDS,
-    LETTER_COMMANDS,
-    MATRIX_MARKS,
-    SPACES,
-    WORD_GROUPS,
-)
+from lagrange.statement.typed import latex
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
@@ -30,7 +21,7 @@ PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨',
 """Marks after a letter that mean derivatives, and their order."""
 
 SIGNS = {
-    **{mark: mark for mark in (*"+-*/^=()[]{}|,", *MATRIX_MARKS)},
+    **{mark: mark for mark in (*"+-*/^=()[]{}|,", *latex.MATRIX_MARKS)},
     **dict.fromkeys("\u2212\u2013\u2014\u2010\u2011\u2012", "-"),
     **dict.fromkeys("·⋅×∗•", "*"),
     **dict.fromkeys("÷∕⁄", "/"),
@@ -45,20 +36,18 @@ _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Z
 _DECIMAL_COMMA = re.compile(r"([0-9]+)(?:,|\{,\})([0-9]+)(?![0-9]|[.,][0-9])")
 """A number such as 0,5: no blanks around the comma, and no further comma or point."""
 
-_LONE = re.compile(r"\s*([0-9A-Za-z])")
-"""An argument of a fraction without braces."""
+_LONE = re.compile(r"\s*([0-9A-Za-z])")  # An argument of a fraction without braces
 
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
 _GROUP = re.compile(r"\s*\{\s*([^{}]*?)\s*\}")
 _INDEX = re.compile(r"\s*_\s*(?:\{((?:[^{}]|\{[^{}]*\})*)\}|\\([A-Za-z]+)|([A-Za-z0-9]))")
-_INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
+_INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(latex.WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
 _LETTER = f"[A-Za-z{''.join(GREEK)}]"
 _PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2})ot\b|(?:\(t\))?\.diff\(\s*t\s*(?:,\s*([t2])\s*)?\)")
-_BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")
-"""Functions that end a word before a digit, as in sin2x."""
+_BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")  # Functions that end a word before a digit, as in sin2x
 
 SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if word.most != 1)}
 SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
@@ -155,7 +144,7 @@ class _Scanner:
         if mark in SIGNS:
             return self._add("sign", SIGNS[mark], place, place + 1)
         if mark == "_" or mark in _SUBSCRIPTS:
-            index, after = self._index(place)
+            index, after = self._indices(place)
             if index:
                 return self._add("index", index, place, after)
         if mark.isalpha():  # of any alphabet, so that messages name whole words
@@ -190,34 +179,23 @@ class _Scanner:
         rate = _RATE.match(self.text, place)
         if rate:
             order, place = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
-        if spelled in DERIVATIVES and self.text.startswith("(", place):  # ddot(x)
-            return self._add("dots", str(DERIVATIVES[spelled]), begin, place)
+        if spelled in latex.DERIVATIVES and self.text.startswith("(", place):  # ddot(x)
+            return self._add("dots", str(latex.DERIVATIVES[spelled]), begin, place)
         return self._add("word", spelled, begin, place, order)
 
     def _indices(self, place: int) -> tuple[str, int]:
         """Return consecutive subscripts at an offset as one text, such as the two of _1_dot, and the next offset."""
         joined = ""
-        while True:
-            index, after = self._index(place)
-            if not index:
-                return joined, place
-            joined, place = joined + index, after
-
-    def _index(self, place: int) -> tuple[str, int]:
-        """Return the subscript at an offset, "" if there is none, and the next offset."""
-        after = place
-        while after < self.end and self.text[after] in _SUBSCRIPTS:
-            after += 1
-        if after > place:
-            return "".join(_SUBSCRIPTS[mark] for mark in self.text[place:after]), after
-        plain = _PLAIN_INDEX.match(self.text, place)
-        if plain:
-            return "_" + plain.group(1), plain.end()
-        index = _INDEX.match(self.text, place)
-        if index is None:
-            return "", place
-        inside = _INDEX_COMMAND.sub("", next(group for group in index.groups() if group is not None))
-        return "_" + re.sub(r"[\s,]+", "_", inside.strip()), index.end()
+        while place < self.end:
+            index = _PLAIN_INDEX.match(self.text, place) or _INDEX.match(self.text, place)
+            if self.text[place] in _SUBSCRIPTS:
+                joined, place = joined + _SUBSCRIPTS[self.text[place]], place + 1
+            elif index:
+                inside = _INDEX_COMMAND.sub("", next(group for group in index.groups() if group is not None))
+                joined, place = joined + "_" + re.sub(r"[\s,]+", "_", inside.strip()), index.end()
+            else:
+                break
+        return joined, place
 
     def _command(self, place: int) -> int:
         """Add the token that a LaTeX command means, and return the next offset."""
@@ -225,34 +203,34 @@ class _Scanner:
         if match is None:
             return self._add("fault", "a backslash stands at the end", place, place + 1)
         name, after = match.group(1), match.end()
-        if name in SPACES or name.isspace() or name in ",;:!>":
+        if name in latex.SPACES or name.isspace() or name in ",;:!>":
             self.spaced = True
             return after
-        if name in COMMAND_SIGNS:
-            sign = COMMAND_SIGNS[name]
+        if name in latex.COMMAND_SIGNS:
+            sign = latex.COMMAND_SIGNS[name]
             return self._add("prime", "1", place, after) if sign == "'" else self._add("sign", sign, place, after)
         if name in "{}|":
             return self._add("sign", {"{": "(", "}": ")", "|": "|"}[name], place, after)
-        if name in FRACTIONS:
+        if name in latex.FRACTIONS:
             after = self._add("fraction", name, place, after)
             for _ in range(2):
                 lone = _LONE.match(self.text, after)
                 kind = "number" if lone and lone.group(1).isdigit() else "word"
                 after = self._add(kind, lone.group(1), *lone.span(1)) if lone else after
             return after
-        if name in DERIVATIVES:
+        if name in latex.DERIVATIVES:
             twice = self.text.startswith("[2]", after)  # \\dv[2]{x}{t}
-            return self._add("dots", str(DERIVATIVES[name] + twice), place, after + 3 * twice)
-        if name in WORD_GROUPS:
+            return self._add("dots", str(latex.DERIVATIVES[name] + twice), place, after + 3 * twice)
+        if name in latex.WORD_GROUPS:
             group = _GROUP.match(self.text, after)
             if group and group.group(1):
                 index, end = self._indices(group.end())
                 return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, place, end)
             if group is None:  # \mathrm d sets one letter upright
                 return after
-        if name in LETTER_COMMANDS or name in FUNCTION_COMMANDS:
-            index, end = self._indices(after) if name in LETTER_COMMANDS else ("", after)
-            word = LETTER_COMMANDS.get(name) or FUNCTION_COMMANDS[name]
+        if name in latex.LETTER_COMMANDS or name in latex.FUNCTION_COMMANDS:
+            index, end = self._indices(after) if name in latex.LETTER_COMMANDS else ("", after)
+            word = latex.LETTER_COMMANDS.get(name) or latex.FUNCTION_COMMANDS[name]
             return self._add("word", word + index, place, end)
         return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", place, after)
 

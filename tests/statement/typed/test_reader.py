@@ -71,7 +71,7 @@ READINGS = {
     "1/2 m x": "1/2*m*x",
     "x^-2": "x**(-2)",
     "0,5 m x'' + 1{,}5 k": "0.5*m*x_ddot + 1.5*k",
-    "max(0,5) + atan2(1,2)": "max(0,5) + atan2(1,2)",
+    "max(0,5) + atan2(1,2)": "max(0, 5) + atan2(1, 2)",
     "1½ x + 2¾": "3/2*x + 11/4",
     "ddot(x) + dot(theta)": "x_ddot + theta_dot",
     "xdd + thetad + theta1dd": "x_ddot + theta_dot + theta1_ddot",
