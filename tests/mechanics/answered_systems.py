@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import sympy as sp
 
 import lagrange as lg
+from tests.models import shared_scene
 
 
 @cache
@@ -131,3 +133,67 @@ def disc() -> lg.System:
 def yoyo() -> lg.System:
     y, (m, inertia, R, g) = lg.coordinate("y"), lg.parameters("m I R g")
     return lg.System((m + inertia / R**2) * y.dot**2 / 2, -m * g * y)
+
+
+@cache
+def bowl() -> lg.System:
+    theta, (m, R, r, g) = lg.coordinate("theta"), lg.parameters("m R r g")
+    return lg.System(sp.Rational(3, 4) * m * (R - r) ** 2 * theta.dot**2, -m * g * (R - r) * sp.cos(theta))
+
+
+m, g, l, M, k, R, F, c, m1, m2, l1, l2, omega, Omega, alpha, a, b, beta, gamma, I1, I3, r0, L0, ma, mb = lg.parameters(
+    "m g l M k R F c m1 m2 l1 l2 omega Omega alpha a b beta gamma I1 I3 r_0 L_0 m_A m_B"
+)
+theta, phi, psi, x, y, z, r, s, theta1, theta2, rho, th1, th2, q1, q2, xa, xb = lg.coordinates(
+    "theta phi psi x y z r s theta1 theta2 rho theta_1 theta_2 q1 q2 x_A x_B"
+)
+K, sin, cos, half = lg.kinetic_energy, sp.sin, sp.cos, sp.Rational(1, 2)
+polar = half * m * (r.dot**2 + r**2 * phi.dot**2)
+plane = half * m * (x.dot**2 + y.dot**2)
+bob = half * m * l**2 * theta.dot**2, -m * g * l * cos(theta)
+inner = l1 * sin(theta1), -l1 * cos(theta1)
+outer = inner[0] + l2 * sin(theta2), inner[1] - l2 * cos(theta2)
+twin = k * l**2 * (sin(th1) - sin(th2)) ** 2 / 2 - m * g * l * (cos(th1) + cos(th2))
+rotor = I1 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2 + I3 * (psi.dot + phi.dot * cos(theta)) ** 2 / 2
+turning = half * m * ((x.dot - omega * y) ** 2 + (y.dot + omega * x) ** 2) - k * (x**2 + y**2) / 2
+swaying = a * cos(omega * lg.t) + l * sin(theta), -l * cos(theta)
+
+TYPED: dict[str, Callable[[], lg.System]] = {
+    "pendulum": lambda: lg.System(*bob),
+    "damped": lambda: lg.System(*bob, dissipation=b * theta.dot**2 / 2),
+    "cartesian": lambda: lg.System(plane, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
+    "coupledpend": lambda: lg.System(half * m * l**2 * (th1.dot**2 + th2.dot**2), twin),
+    "cone": lambda: lg.System(half * m * (r.dot**2 / sin(alpha) ** 2 + r**2 * phi.dot**2), m * g * r / sp.tan(alpha)),
+    "parabola": lambda: lg.System(K(m, (x, beta * x**2)), m * g * beta * x**2),
+    "top": lambda: lg.System(rotor, m * g * l * cos(theta)),
+    "wedge": lambda: lg.System(K(M, (x, 0)) + K(m, (x + s * cos(alpha), -s * sin(alpha))), -m * g * s * sin(alpha)),
+    "pivot": lambda: lg.System(K(m, swaying), -m * g * l * cos(theta)),
+    "double_pendulum": lambda: lg.System(K(m1, inner) + K(m2, outer), g * (m1 * inner[1] + m2 * outer[1])),
+    "table": lambda: lg.System(half * m1 * (r.dot**2 + r**2 * phi.dot**2) + half * m2 * r.dot**2, m2 * g * r),
+    "foucault": lambda: lg.System(plane + m * Omega * (x * y.dot - y * x.dot), m * g * (x**2 + y**2) / (2 * l)),
+    "duffing": lambda: lg.System(
+        half * m * x.dot**2, k * x**2 / 2 + beta * x**4 / 4, forces={x: F * cos(omega * lg.t) - c * x.dot}
+    ),
+    "side": lambda: lg.System(half * m * x.dot**2, k * (sp.sqrt(x**2 + l**2) - r0) ** 2 / 2),
+    "rhoz": lambda: lg.System(
+        half * m * (rho.dot**2 + rho**2 * phi.dot**2 + z.dot**2), m * g * z + k * (rho**2 + z**2) / 2
+    ),
+    "yukawa": lambda: lg.System(polar, -k / sp.sqrt(r)),
+    "normal": lambda: lg.System(half * m * (q1.dot**2 + q2.dot**2), k * (q1**2 + q2**2 - q1 * q2) / 2),
+    "helix": lambda: lg.System(half * m * (R**2 + a**2) * phi.dot**2, m * g * a * phi),
+    "cycloid": lambda: lg.System(half * m * s.dot**2, m * g * s**2 / (8 * R)),
+    "AB": lambda: lg.System(
+        K(ma, (xa, 0)) + K(mb, (xb, 0)), k * (xb - xa - L0) ** 2 / 2, dissipation=c * (xb.dot - xa.dot) ** 2 / 2
+    ),
+    "relat": lambda: lg.System(polar, gamma * r**2 / 2 - alpha / r),
+    "springhoop": lambda: lg.System(K(m, (R * theta, 0)), k * R**2 * (1 - cos(theta)) - m * g * R * sin(theta)),
+    "rotframe": lambda: lg.System(lagrangian=turning),
+}
+"""Systems of answers in many styles, by name."""
+
+
+@cache
+def answered(name: str) -> lg.System:
+    """Return the system of an answer: `scene:name`, `typed:name`, or a function of this file."""
+    kind, _, rest = name.rpartition(":")
+    return shared_scene(rest) if kind == "scene" else TYPED[rest]() if kind else globals()[name]()

@@ -18,9 +18,8 @@ Most searches take 0.1 s, and that in a chain of eight links 2 s.
 Reading counts, so that an answer of 500 terms, which takes 0.6 s to read, ends in time, too.
 """
 
+# Sentence on a wrong equation whose wrong term was not found within the budget
 UNNAMED = "It is too long, or its numbers are too large, to find its wrong term in good time."
-"""Sentence on a wrong equation whose wrong term was not found within the budget."""
-
 LARGEST_EXPANSION = 5_000
 """Largest number of terms of an equation, multiplied out, in which a wrong term is searched.
 
@@ -29,9 +28,8 @@ A product of 12 sums has 4,096 and takes 0.9 s; SymPy cannot be interrupted in a
 
 LARGEST_POWER = 4  # Largest power of a sum that is multiplied out
 
+# Largest number in the argument of an exponential: exp(1000*x) is a polynomial of degree 1000 in exp(x) for SymPy
 LARGEST_NUMBER = 1_000
-"""Largest number in the argument of an exponential: exp(1000*x) is a polynomial of degree 1000 in exp(x) for SymPy."""
-
 _GROWING = (sympy.exp, sympy.sinh, sympy.cosh, sympy.tanh)
 
 _END: ContextVar[float] = ContextVar("end of the budget", default=inf)

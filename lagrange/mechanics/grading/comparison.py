@@ -152,9 +152,8 @@ MOST_LISTED = 4  # Largest number of coordinates for which a message lists the w
 MOST_READ = 2  # Largest number of ambiguous equations whose reading a message shows; `.read` has all of them
 LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.details`.
 
+# Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise
 NEGLIGIBLE = 1e-9
-"""Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise."""
-
 LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
 
 SAMPLES = 5
@@ -299,15 +298,19 @@ def _compared(
     as T. `doubted` is true if the answer has a remark that does not hold, which was left out.
     """
     statement = rows[0].statement
-    choices = [(chosen, _wrong(rows, chosen)) for chosen in with_multiples(rows, samples)]
+
+    def choice(chosen: Sequence[MotionSample]) -> tuple[Sequence[MotionSample], tuple[int, ...]]:
+        return chosen, tuple(i for i, row in enumerate(rows) if not row.holds(chosen))
+
+    choices = [choice(chosen) for chosen in with_multiples(rows, samples)]
     turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
     if statement.constraints and free and not (pulling and _is_negative(turned)):
-        choices.append((turned, _wrong(rows, turned)))
+        choices.append(choice(turned))
     right = next((chosen for chosen, wrong in choices if not wrong), None)
     if right is None:
-        choices += [(turned, _wrong(rows, turned))] if statement.constraints and choices[-1][0] is not turned else []
+        choices += [choice(turned)] if statement.constraints and choices[-1][0] is not turned else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
     missing = _missing(rows, right, doubted=doubted)
@@ -338,11 +341,6 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
             if 0 < abs(number) < NEGLIGIBLE and row_of(without, row.statement).holds(samples):
                 return f"In {row.label} the number {abs(float(number)):.6g} makes no difference: leave its term out."
     return ""
-
-
-def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
-    """Return the indices of the equations that do not hold at the samples."""
-    return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
 
 
 def _blamed(

@@ -26,50 +26,6 @@ LEFT = 1e-40
 digits."""
 
 SINGULAR = 1e-12  # Pivot, relative to its row, below which a matrix of relations or masses counts as singular
-
-
-class FirstOrderStates:
-    """Equations of motion of coordinates without inertia, which are relations between velocities.
-
-    `places` are the indices of these coordinates. Coordinates that occur in a constraint are not included.
-    """
-
-    def __init__(self, statement: Statement) -> None:
-        form = PlainForm(statement)
-        constraints = [form.read(constraint.expression) for constraint in statement.constraints]
-        self.places = tuple(
-            i
-            for i, (q, v, momentum) in enumerate(zip(form.q, form.v, form.momenta, strict=True))
-            if not any(momentum.diff(other) != 0 for other in form.v)
-            and not any(constraint.has(q, v) for constraint in constraints)
-        )
-        relations = [form.residuals[i] for i in self.places]
-        slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
-        expressions = [expression.xreplace(form.stated) for expression in (*relations, *slopes)]
-        self._tape = Precise(expressions, statement, DIGITS) if relations else None
-
-    def satisfied(self, point: SamplePoint) -> SamplePoint:
-        """Return the point with new velocities of these coordinates, which satisfy the relations.
-
-        Raises OutsideDomain if the relations do not determine the velocities, or are not linear in them.
-        """
-        if self._tape is None:
-            return point
-        number, n = self._tape.context.mpf, len(self.places)
-        parameters = {p: number(x) for p, x in point.parameters.items()}
-        residuals: list[Any] = self._tape(point.q, point.v, point.t, parameters)
-        matrix = [residuals[n + i * n : n + (i + 1) * n] for i in range(n)]
-        steps = solve_dense(matrix, residuals[:n], SINGULAR)
-        v = list(point.v)
-        for index, step in zip(self.places, steps, strict=True):
-            v[index] = v[index] - step
-        moved = replace(point, v=tuple(v))
-        left = self._tape(moved.q, moved.v, moved.t, parameters)[:n]
-        if max(map(abs, left)) > LEFT * (1 + max(map(abs, residuals))):
-            raise OutsideDomain("the relations are not linear in the velocities")
-        return moved
-
-
 LEAST = 1e-9  # Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it
 ROUND_OFF = 1e-14  # Entries of a state on the constraints below this magnitude are rounding errors of zero
 ATTEMPTS = 120  # Largest number of random draws in the search for states
@@ -116,11 +72,26 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
 
 
 class MotionStates:
-    """Finds states that satisfy the constraints and first-order equations of a statement, and the motion at them."""
+    """Finds states that satisfy the constraints and first-order equations of a statement, and the motion at them.
+
+    Equations of coordinates without inertia are relations between velocities. `places` are the indices of these
+    coordinates. Coordinates that occur in a constraint are not included.
+    """
 
     def __init__(self, statement: Statement) -> None:
-        self._surface, self._relations = ConstraintSurface(statement), FirstOrderStates(statement)
-        self.reference = Reference(statement, self._relations.places)
+        form = PlainForm(statement)
+        constraints = [form.read(constraint.expression) for constraint in statement.constraints]
+        self.places = tuple(
+            i
+            for i, (q, v, momentum) in enumerate(zip(form.q, form.v, form.momenta, strict=True))
+            if not any(momentum.diff(other) != 0 for other in form.v)
+            and not any(constraint.has(q, v) for constraint in constraints)
+        )
+        relations = [form.residuals[i] for i in self.places]
+        slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
+        expressions = [expression.xreplace(form.stated) for expression in (*relations, *slopes)]
+        self._relations = Precise(expressions, statement, DIGITS) if relations else None
+        self._surface, self.reference = ConstraintSurface(statement), Reference(statement, self.places)
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return a nearby state on the constraints and first-order equations. Raises OutsideDomain if none is found."""
@@ -128,7 +99,25 @@ class MotionStates:
             moved = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             q, v = (tuple(0.0 if abs(x) < ROUND_OFF else x for x in entries) for entries in moved)
             point = replace(point, q=q, v=v)
-        return self._relations.satisfied(point)
+        return point if self._relations is None else self._with_relations(point, self._relations)
+
+    def _with_relations(self, point: SamplePoint, relations: Precise) -> SamplePoint:
+        """Return the point with new velocities of the coordinates without inertia, which satisfy their relations.
+
+        Raises OutsideDomain if the relations do not determine the velocities, or are not linear in them.
+        """
+        number, n = relations.context.mpf, len(self.places)
+        parameters = {p: number(x) for p, x in point.parameters.items()}
+        residuals: list[Any] = relations(point.q, point.v, point.t, parameters)
+        matrix = [residuals[n + i * n : n + (i + 1) * n] for i in range(n)]
+        v = list(point.v)
+        for index, step in zip(self.places, solve_dense(matrix, residuals[:n], SINGULAR), strict=True):
+            v[index] = v[index] - step
+        moved = replace(point, v=tuple(v))
+        left = relations(moved.q, moved.v, moved.t, parameters)[:n]
+        if max(map(abs, left)) > LEFT * (1 + max(map(abs, residuals))):
+            raise OutsideDomain("the relations are not linear in the velocities")
+        return moved
 
     def motion(self, point: SamplePoint) -> MotionSample:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""
@@ -146,5 +135,5 @@ class MotionStates:
             tuple(entries["multipliers"].value) if held else (),
             rows("mass_matrix", n),
             rows("constraint_gradient", held),
-            self._relations.places,
+            self.places,
         )

@@ -9,6 +9,7 @@ rotations enter as numbers only, so all kinds of systems are treated alike.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -48,20 +49,16 @@ MOST_TRIPLED = 12  # Largest number of factors of which products of three are tr
 MOST_MODELS = 120  # Largest number of right terms that a missing or replaced term may be a multiple of
 LONGEST = 600  # Largest number of operations of an equation whose terms are changed
 
+# Largest number of operations of a corrected term that is expanded to find it among the right terms
 LONGEST_EXPANDED = 80
-"""Largest number of operations of a corrected term that is expanded to find it among the right terms."""
-
 CLOSE = 1e-9  # Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14
 
+# Magnitude, relative to its terms, below which a sum counts as zero: the accelerations have about 30 digits
 NONE = 1e-20
-"""Magnitude, relative to its terms, below which a sum counts as zero: the accelerations have about 30 digits."""
-
+# Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term
 SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
-"""Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term."""
-
+# Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
-"""Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor."""
-
 OF_NUMBER = 0.3  # Added cost of a change after which the accelerations are those of a right equation times a number
 
 OF_DERIVATIVE = 1.5
@@ -72,9 +69,8 @@ OF_SIDE, OF_RATE, OF_SOLVED, DENOMINATOR = 0.45, 0.15, 5.0, 0.1
 """Added costs of a change of a whole sum, of a term with an acceleration, of a left side that is a lone acceleration,
 and in a denominator."""
 
+# Added costs of an acceleration and of a multiplier that the equation does not have elsewhere
 NEW_RATE, NEW_FORCE = 1.0, 0.5
-"""Added costs of an acceleration and of a multiplier that the equation does not have elsewhere."""
-
 NATURAL, FORCE, TURNED, NUMBERED = -0.3, -0.28, -0.1, 0.05
 """Added costs of a corrected term that is a right term, of one with a multiplier, of one that has the opposite sign,
 and of one with a number."""
@@ -84,19 +80,16 @@ and of one with a number."""
 class Sum:
     """A sum in an equation, `whole`: its side (0 left, 1 right), and the path of argument indices that leads to it.
 
-    `around` is the product of the factors that multiply the sum; `below` is true in a denominator.
+    `around` is the product of the factors that multiply the sum; `below` is true in a denominator. `terms` are its
+    terms, like terms as they were typed.
     """
 
     side: int
     path: tuple[int, ...]
     whole: Any
+    terms: tuple[Any, ...]
     around: Any = sympy.S.One
     below: bool = False
-
-    @property
-    def terms(self) -> tuple[Any, ...]:
-        """The terms of the sum."""
-        return tuple(sympy.Add.make_args(self.whole))
 
 
 @dataclass(frozen=True)
@@ -166,13 +159,19 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
     return bool(max(map(abs, slopes)) <= NONE * max(map(abs, row.numbers(sample)[0])))
 
 
-def _sums(side: int, expression: Any) -> Iterator[Sum]:
-    """Yield the sums of a side: the side itself, and the sums in its products, reciprocals and brackets."""
-    waiting = [Sum(side, (), expression)]
+def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
+    """Yield the sums of a side: the side itself, and the sums in its products, reciprocals and brackets.
+
+    `typed` are terms of the side that may be like terms.
+    """
+    terms = (*typed, *sympy.Add.make_args(expression - sympy.Add(*typed))) if typed else ()
+    whole = sympy.Add.make_args(expression)
+    like = Counter(term for term in terms if term != 0) != Counter(whole)
+    waiting = [Sum(side, (), expression, terms if typed and like else whole)]
     while waiting:
         place = waiting.pop()
         yield place
-        for k, term in enumerate(place.terms):
+        for k, term in enumerate(sympy.Add.make_args(place.whole)):
             path = (*place.path, k) if place.whole.is_Add else place.path
             factors = list(enumerate(term.args)) if term.is_Mul else [(None, term)]
             for i, factor in factors:
@@ -180,9 +179,9 @@ def _sums(side: int, expression: Any) -> Iterator[Sum]:
                 others = [other for j, other in factors if j != i]
                 around = place.around * sympy.Mul(*others)
                 if factor.is_Add and (factor is not place.whole):
-                    waiting.append(Sum(side, inner, factor, around, place.below))
+                    waiting.append(Sum(side, inner, factor, factor.args, around, place.below))
                 elif factor.is_Pow and factor.exp == -1:
-                    waiting.append(Sum(side, (*inner, 0), factor.base, below=True))
+                    waiting.append(Sum(side, (*inner, 0), factor.base, sympy.Add.make_args(factor.base), below=True))
 
 
 def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
@@ -212,8 +211,9 @@ class _Search:
         self.rates += [velocities[i] for i in samples[0].first_order]
         self.moving = [*self.unknowns[: len(row.statement.names)], *self.rates]
         derived = [term for p in row.differentiated for term in sympy.Add.make_args(along_motion(p, row.statement))]
-        self.derived = {*derived, *(-term for term in derived)}
-        self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side])]
+        typed = (*row.terms, (), ())[:2]
+        self.derived = {*derived, *(-term for term in derived)}.difference(*typed)
+        self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side], typed[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.below = {base for term in models for base in _sums_below(term)}
         self.forces = self.unknowns[len(row.statement.names) :]

@@ -17,12 +17,10 @@ from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import constant_of
 
+# Fewest significant digits of a rounded number that is right: 9.81 and 0.667 are, 9.8 and 0.67 are not
 FEWEST_DIGITS = 3
-"""Fewest significant digits of a rounded number that is right: 9.81 and 0.667 are, 9.8 and 0.67 are not."""
-
+# Largest number of operations of an equation whose decimals are examined; each costs a derivative
 LONGEST_ROUNDED = 400
-"""Largest number of operations of an equation whose decimals are examined; each costs a derivative."""
-
 _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 
 

@@ -33,9 +33,8 @@ FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs
 """Letters that denote constraint forces, unless a symbol has the name: with the number of the constraint, or alone if
 they are the only unknown of the only constraint."""
 
+# Letters that denote the force of the only constraint also in an answer that is solved for the accelerations
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
-"""Letters that denote the force of the only constraint also in an answer that is solved for the accelerations."""
-
 ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
 
 
@@ -44,11 +43,12 @@ class StudentEquation:
     """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
 
     `label` names it in messages. `place` is the index of the equation in the answer; a chain a = b = c is one equation
-    in the answer and several here. `zero` is left side minus right side, and `right` is the right side. `read` is the
-    text of the equation as it was understood. `differentiated` are the expressions whose time derivative was typed.
-    `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
-    text. `note` is a sentence on why an equation counts as right, such as for rounded decimals, or "". `aside` is true
-    for a remark, such as on an equilibrium, which need not hold.
+    in the answer and several here. `zero` is left minus right side, and `right` is the right side. `read` is the
+    text of the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
+    `terms` the other terms of each side if some are like terms. `letters` maps multipliers to the letters that were
+    typed for them. `others` are further readings of an ambiguous text. `note` is a sentence on why an equation counts
+    as right, such as for rounded decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need
+    not hold.
     """
 
     label: str
@@ -56,6 +56,7 @@ class StudentEquation:
     right: Any = sympy.S.Zero
     read: str = ""
     differentiated: tuple[Any, ...] = ()
+    terms: tuple[tuple[Any, ...], ...] = ()
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
     note: str = ""
@@ -63,7 +64,7 @@ class StudentEquation:
     place: int = 0
 
 
-def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
+def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
     """Return the equations in a list, in a dict by coordinate, or in one text, expression or Eq.
 
     A text has = or == between two sides, or is an expression that is zero. q_dot and q_ddot are the derivatives of q;
@@ -71,17 +72,17 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     equation cannot be read.
     """
     reader = _EquationReader(statement)
-    if isinstance(given, str):
-        return reader.text(given)
-    if isinstance(given, Mapping):
-        listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in given.items()]
+    if isinstance(answer, str):
+        return reader.text(answer)
+    if isinstance(answer, Mapping):
+        listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in answer.items()]
     else:
-        single = isinstance(given, (*TEXTS, sympy.Basic)) and not isinstance(given, sympy.Tuple)
-        parts = None if single else entries(given, "the equations")
-        listed = [(f"equation {k}", value) for k, value in enumerate([given] if parts is None else parts, 1)]
+        single = isinstance(answer, (*TEXTS, sympy.Basic)) and not isinstance(answer, sympy.Tuple)
+        parts = None if single else entries(answer, "the equations")
+        listed = [(f"equation {k}", value) for k, value in enumerate([answer] if parts is None else parts, 1)]
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
-    return [one for place, (label, value) in enumerate(listed) for one in reader.read(value, label, place)]
+    return [equation for place, pair in enumerate(listed) for equation in reader.read(pair[1], pair[0], place)]
 
 
 def spelled(expression: Any) -> str:
@@ -99,8 +100,8 @@ class _EquationReader:
         self.plain = dict(statement.plain)
         self.names = {symbol.name: symbol for symbol in self.plain.values()}
         self.names |= {p.name: p for p in statement.parameters}
-        self.given = dict(statement.prescribed)
-        self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
+        self.prescribed = dict(statement.prescribed)
+        self.names |= {_given_name(leaf): value for leaf, value in self.prescribed.items()}
         self.names |= {symbol.name: symbol for symbol in abbreviations(statement)}
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
@@ -128,35 +129,42 @@ class _EquationReader:
         `what` is the label of the text in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
-        reader, letters = TypedReader(self.names, self.others), [one for one in self.spellings if one in words]
+        reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
         if self.force and not letters:
             free = [letter for letter in FORCES if letter not in map(canonical, self.names)]
             unknown = reader.unknown(text, what)
-            letters = [one for one in free if any(word.startswith(one) or word.endswith(one) for word in unknown)]
-            letters = [one for one in letters if one in unknown] or letters
+            letters = [
+                letter for letter in free if any(word.startswith(letter) or word.endswith(letter) for word in unknown)
+            ]
+            letters = [letter for letter in letters if letter in unknown] or letters
             letters = letters or [letter for letter in USUAL if letter in words and letter in free]
             letters = letters if len(letters) == 1 else []
             reader = TypedReader(self.names, self.others | dict.fromkeys(letters, self.force))
-        return reader, {self.names[self.spellings.get(one, self.force)]: sympy.Symbol(one) for one in letters}
+        return reader, {self.names[self.spellings.get(letter, self.force)]: sympy.Symbol(letter) for letter in letters}
 
-    def text(self, given: str) -> list[StudentEquation]:
+    def text(self, answer: str) -> list[StudentEquation]:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
 
         A text that cannot be read is tried as a document: first all its formulas, then its section "Equations of
         motion".
         """
         try:
-            return self._all(given)
+            return self._all(answer)
         except StatementError:
-            for part in parts_of_document(given):
+            for part in parts_of_document(answer):
                 with suppress(StatementError):
                     return self._all(part)
             raise
 
-    def _all(self, given: str) -> list[StudentEquation]:
+    def _all(self, answer: str) -> list[StudentEquation]:
         """Return the equations of a text. Raises StatementError if there are none, or if the text cannot be read."""
-        reader, letters = self.reader(given)
-        equations = [typed for typed in reader.equations(given) if not self._is_kinetic_energy(typed)]
+        reader, letters = self.reader(answer)
+        kinetic = self.statement.kinetic.xreplace(self.plain)
+        equations = list[TypedEquation]()
+        for typed in reader.equations(answer):
+            first = typed.readings[0]
+            force = first.read.startswith(MULTIPLIER)  # T may be the kinetic energy
+            equations += [] if force and sympy.expand(first.right - kinetic) == 0 else [typed]
         if not equations:
             raise StatementError(f"there is no equation: write one a line, {reader.example()}")
         places = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
@@ -165,30 +173,24 @@ class _EquationReader:
             for place, typed in zip(places, equations, strict=True)
         ]
 
-    def _is_kinetic_energy(self, equation: TypedEquation) -> bool:
-        """Return True if an equation defines T as the kinetic energy, although T was read as a constraint force."""
-        if not self.statement.constraints or not equation.readings[0].read.startswith(MULTIPLIER):
-            return False
-        return bool(sympy.expand(equation.readings[0].right - self.statement.kinetic.xreplace(self.plain)) == 0)
-
-    def read(self, given: Any, what: str, place: int) -> list[StudentEquation]:
+    def read(self, answer: Any, what: str, place: int) -> list[StudentEquation]:
         """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c is two equations.
 
         `what` is its label, and `place` its index in the answer.
         """
-        if isinstance(given, str):
-            reader, letters = self.reader(given, what)
-            equations = reader.equations(given, what)
+        if isinstance(answer, str):
+            reader, letters = self.reader(answer, what)
+            equations = reader.equations(answer, what)
             count = sum(not typed.link for typed in equations)
             if count != 1:
                 raise StatementError(f"{what} is a text with {count} equations: give one in each entry.")
             return [_equation(what, typed, letters, place) for typed in equations]
-        if isinstance(given, sympy.Eq):
-            left, right = (self.symbols(expression(side, what), what) for side in given.args)
+        if isinstance(answer, sympy.Eq):
+            left, right = (self.symbols(expression(side, what), what) for side in answer.args)
             return [StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}", place=place)]
-        if isinstance(given, bool) or given is sympy.true or given is sympy.false:
-            raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
-        stated = expression(given, what)
+        if isinstance(answer, bool) or answer is sympy.true or answer is sympy.false:
+            raise StatementError(f"{what} is {answer}: where == was meant, write sympy.Eq(left, right).")
+        stated = expression(answer, what)
         try:
             zero = self.symbols(stated, what)
             return [StudentEquation(what, zero, read=f"{spelled(zero)} = 0", place=place)]
@@ -233,9 +235,9 @@ class _EquationReader:
                     f"{listing(known)}."
                 )
         for function in survey.given:
-            if function not in self.given:
+            if function not in self.prescribed:
                 raise StatementError(self.unknown(name_of(function), what))
-        return stated.xreplace(self.given).xreplace(self.plain | table)
+        return stated.xreplace(self.prescribed).xreplace(self.plain | table)
 
 
 def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], place: int) -> StudentEquation:
@@ -247,10 +249,8 @@ def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], plac
     if typed.link:
         label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
     first, *others = (
-        StudentEquation(
-            label, one.zero, one.right, one.read, one.differentiated, letters, aside=typed.aside, place=place
-        )
-        for one in typed.readings
+        StudentEquation(label, **vars(reading), letters=letters, aside=typed.aside, place=place)
+        for reading in typed.readings
     )
     return replace(first, others=tuple(others))
 
@@ -290,8 +290,8 @@ class EquationRow:
     """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
 
     The unknowns are accelerations and multipliers. `sides` are the left and the right side as they were typed, with
-    symbols for the rates of rotations. `zero` is left minus right side. `differentiated` are the expressions whose time
-    derivative was typed.
+    symbols for the rates of rotations. `zero` is left minus right side. `differentiated` and `terms` are those of the
+    `StudentEquation`.
     """
 
     statement: Statement
@@ -301,15 +301,13 @@ class EquationRow:
     rest: Any
     sides: tuple[Any, Any] = (sympy.S.Zero, sympy.S.Zero)
     differentiated: tuple[Any, ...] = ()
+    terms: tuple[tuple[Any, ...], ...] = ()
 
     @cached_property
     def _tape(self) -> Precise:
-        return tape([*self.slopes.values(), self.rest, *self._parts], self.statement)
-
-    @property
-    def _parts(self) -> tuple[Any, ...]:
-        """Terms of an equation without unknowns, such as a constraint. Rounding is relative to them. Else empty."""
-        return () if any(self.slopes.values()) else sympy.Add.make_args(self.rest)
+        # Rounding in an equation without unknowns, such as a constraint, is relative to its terms.
+        parts = () if any(self.slopes.values()) else sympy.Add.make_args(self.rest)
+        return tape([*self.slopes.values(), self.rest, *parts], self.statement)
 
     @property
     def switches(self) -> tuple[Any, ...]:
@@ -375,8 +373,8 @@ def unknowns_of(statement: Statement) -> list[Any]:
     return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
 
 
+# Functions that appear in the slope of an equation if it has a kink or a jump at some acceleration
 _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, sympy.Min, sympy.Piecewise)
-"""Functions that appear in the slope of an equation if it has a kink or a jump at some acceleration."""
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
@@ -407,7 +405,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}
     rest = zero.xreplace(zeros)
     sides = (equation.zero + equation.right, equation.right)
-    return EquationRow(statement, equation.label, zero, slopes, rest, sides, equation.differentiated)
+    return EquationRow(statement, equation.label, zero, slopes, rest, sides, equation.differentiated, equation.terms)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

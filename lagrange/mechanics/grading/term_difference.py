@@ -19,8 +19,8 @@ LARGEST_MULTIPLE = 20  # Largest multiple of an angle whose sine is expanded
 MOST_TERMS = 2_000  # Largest number of terms of an expanded sum in which a wrong term is searched
 LARGEST_FACTOR = 1000  # Largest denominator of a fraction that approximates a constant factor
 
+# Largest constant factor: the fraction of a number with an exponent of many digits takes minutes
 LARGEST_NUMERATOR = 10**6
-"""Largest constant factor: the fraction of a number with an exponent of many digits takes minutes."""
 
 
 @dataclass(frozen=True)
@@ -80,19 +80,14 @@ def expanded(expression: Any) -> tuple[Any, ...]:
     check_budget()
     powers = (power for power in expression.atoms(sympy.Pow) if power.base.is_Add)
     large = any(power.exp.is_Integer and abs(power.exp) > LARGEST_POWER for power in powers)
-    large = large or expansion(expression) > LARGEST_EXPANSION
-    terms: tuple[Any, ...] = sympy.Add.make_args(expression if large else sympy.expand(_without_sums(expression)))
+    if not (large or expansion(expression) > LARGEST_EXPANSION):
+        calls = expression.atoms(sympy.sin, sympy.cos, sympy.tan)
+        factors = (abs(term.as_coeff_Mul()[0]) for call in calls for term in sympy.Add.make_args(call.args[0]))
+        # The sine of n times an angle becomes a polynomial of degree n.
+        many = any(factor > LARGEST_MULTIPLE for factor in factors)
+        expression = sympy.expand(expression if many else sympy.expand_trig(expression))
+    terms: tuple[Any, ...] = sympy.Add.make_args(expression)
     return terms
-
-
-def _without_sums(expression: Any) -> Any:
-    """Return an expression with sines and cosines of sums expanded; unchanged if a multiple angle is too large.
-
-    The sine of n times an angle becomes a polynomial of degree n.
-    """
-    calls = expression.atoms(sympy.sin, sympy.cos, sympy.tan)
-    factors = (abs(term.as_coeff_Mul()[0]) for call in calls for term in sympy.Add.make_args(call.args[0]))
-    return expression if any(factor > LARGEST_MULTIPLE for factor in factors) else sympy.expand_trig(expression)
 
 
 def scaled_by(number: Fraction, expression: Any) -> Any:

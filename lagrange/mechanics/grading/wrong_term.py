@@ -44,24 +44,21 @@ from lagrange.statement.statement import Statement
 
 MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
 
+# Largest number of operations in a solved acceleration and its right side for which denominators are compared
 LONGEST_SOLVED = 300
-"""Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
-
 LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a message quotes
+# Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds
 LONGEST_FORMULA = 3_000
-"""Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
-
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
 MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
+# Largest number of operations in all equations together for which slips are tried; each slip costs evaluations
 LONGEST_SLIP = 400
-"""Largest number of operations in all equations together for which slips are tried; each slip costs evaluations."""
-
 MOST_SYMBOLS = 12  # Largest number of coordinates and parameters for which slips are tried
 
 _CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
 
+# A sentence, and the substitution {symbol or function: replacement} that undoes the slip
 Slip = tuple[str, Mapping[Any, Any]]
-"""A sentence, and the substitution {symbol or function: replacement} that undoes the slip."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +81,12 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     check_budget()
     label = f"{row.label[0].upper()}{row.label[1:]}"
     constraints = row.statement.constraints
-    part = wrong_momentum(row, derivation, samples, write)
+    part = _wrong_momentum(row, derivation, samples, write)
     if part:
         return WrongTerm(part, alone=True, cost=0.0)
-    change = one_change(row, samples, right_terms(derivation), right_denominators(derivation))
+    change = one_change(row, samples, _right_terms(derivation), _right_denominators(derivation))
     if change is not None:
-        return WrongTerm(told_change(change, row, samples[0], write), alone=True, cost=change.cost)
+        return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost)
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
         example = "{0}'' or {0}_ddot".format(row.statement.names[0])
@@ -166,11 +163,11 @@ def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking
     `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
     """
     if not typed:
-        return f"{place_of(name, row)} {Difference('missing', sympy.S.Zero, lacking[0]).told(sympy.S.One, write)}"
+        return f"{_place_of(name, row)} {Difference('missing', sympy.S.Zero, lacking[0]).told(sympy.S.One, write)}"
     side, term = typed[0]
     words = " on the right side" if side and row.sides[0] != 0 else ""
     if not lacking:
-        return f"{place_of(name, row)}{words} {Difference('extra', term, sympy.S.Zero).told(sympy.S.One, write)}"
+        return f"{_place_of(name, row)}{words} {Difference('extra', term, sympy.S.Zero).told(sympy.S.One, write)}"
     factors = set(term.as_powers_dict())
     nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
     wanted = simplest(nearest if side == 0 else -nearest)
@@ -178,11 +175,11 @@ def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking
     difference = Difference("wrong", term, wanted)
     if ratio.is_Rational:
         difference = Difference("scaled", term, wanted, Fraction(ratio.p, ratio.q))
-    return f"{place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
+    return f"{_place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
 
 
 @lru_cache(maxsize=1)
-def right_terms(derivation: Derivation) -> list[Any]:
+def _right_terms(derivation: Derivation) -> list[Any]:
     """Return the terms of the right equations, in plain symbols.
 
     They are the equations of motion, the constraints, the time derivatives of the constraints, and the masses. Rates of
@@ -205,7 +202,7 @@ def right_terms(derivation: Derivation) -> list[Any]:
 
 
 @lru_cache(maxsize=1)
-def right_denominators(derivation: Derivation) -> list[Any]:
+def _right_denominators(derivation: Derivation) -> list[Any]:
     """Return the denominators of the accelerations, in plain symbols, except those too large to write out."""
     statement = derivation.statement
     if statement.constraints or statement.rotations:
@@ -217,10 +214,10 @@ def right_denominators(derivation: Derivation) -> list[Any]:
     return []
 
 
-def told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
+def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
     """Return a sentence on the only wrong term of an equation, with its sign as it was typed."""
     place, difference = change.place, change.difference
-    start = place_of(_meant(change.row, sample), row)
+    start = _place_of(_meant(change.row, sample), row)
     if place.below:
         corrected = place.whole - difference.there + difference.wanted
         return f"{start} the denominator {write(place.whole)} is wrong: it should be {write(corrected)}."
@@ -264,7 +261,7 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
     return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
 
 
-def place_of(name: str, row: EquationRow) -> str:
+def _place_of(name: str, row: EquationRow) -> str:
     """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
     return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
 
@@ -288,36 +285,29 @@ def _told_factor(factor: Any, write: Write) -> str:
     return f"has the wrong factor: it is {write(factor)} times what it should be."
 
 
-def wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if only an expression under a typed d/dt is wrong; else ""."""
-    for typed in dict.fromkeys(row.differentiated):
-        check_budget()
-        for name, expected in _momenta(derivation, typed):
-            change = along_motion(expected - typed, row.statement)
-            for sign in (1, -1):  # on the left side, or on the right
-                corrected = row_of(StudentEquation(row.label, row.zero + sign * change), row.statement)
-                if corrected.holds(samples):
-                    sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
-                    return f"{place_of(name, row)} {sentence}"
-    return ""
+def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if only an expression under a typed d/dt is wrong; else "".
 
-
-def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (coordinate's name, constant times its momentum) for momenta that a `typed` expression may mean."""
-    statement = derivation.statement
-    try:
+    The right expression is a constant times a momentum.
+    """
+    statement, momenta = row.statement, list[Any]()
+    with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
-    except StatementError:
-        return
     ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
-    for name, momentum in zip(statement.names, momenta, strict=True):
-        if momentum == 0 or momentum.count_ops() > LONGEST_SOLVED:
+    for typed, (name, p) in product(dict.fromkeys(row.differentiated), zip(statement.names, momenta, strict=False)):
+        check_budget()
+        if p == 0 or p.count_ops() > LONGEST_SOLVED:
             continue
-        factor = sympy.cancel(typed / momentum).xreplace(ones)
-        sign = sympy.Integer(-1 if factor.could_extract_minus_sign() else 1)
-        for constant in dict.fromkeys((sign, factor)):
-            if constant.is_finite is not False and constant != 0:
-                yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
+        factor = sympy.cancel(typed / p).xreplace(ones)
+        constants = dict.fromkeys((sympy.Integer(-1 if factor.could_extract_minus_sign() else 1), factor))
+        known = [constant for constant in constants if constant.is_finite is not False and constant != 0]
+        for constant, side in product(known, (1, -1)):
+            expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
+            change = along_motion(expected - typed, statement)
+            if row_of(StudentEquation(row.label, row.zero + side * change), statement).holds(samples):
+                sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
+                return f"{_place_of(name, row)} {sentence}"
+    return ""
 
 
 def slip_of(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, alone: bool) -> str:

@@ -15,9 +15,8 @@ from lagrange.statement.vocabulary.letters import GREEK
 _CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that a quantity is constant
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # A name that a line may define
 
+# A name of a force such as a tension T1, which two equations may have: one defines it for the other
 _FORCE = re.compile(r"[TNSF](?:_?[0-9A-Za-z])?")
-"""A name of a force such as a tension T1, which two equations may have: one defines it for the other."""
-
 _LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: a name, written as "", and its square
 
 
@@ -60,7 +59,8 @@ class Definition:
         if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:
             return None
         name = "".join(GREEK.get(mark, mark) for mark in words[0].text)
-        lone = [k for k, side in enumerate(sides) if tuple("" if one in words else one.text for one in side) in _LONE]
+        texts = [tuple("" if token in words else token.text for token in side) for side in sides]
+        lone = [k for k, text in enumerate(texts) if text in _LONE]
         value = sides[1 - lone[0]] if lone else sides[0]
         changes = uses.changes(canonical(name), clause)
         shared = uses.contain(canonical(name), clause)
@@ -95,11 +95,11 @@ class Uses:
 
     def contain(self, name: str, clause: Clause) -> bool:
         """Return True if a clause other than `clause` contains a name, alone or in a product such as wt."""
-        places = (found for word, found in self.words.items() if name in word and word != f"d{name}")
-        return any(found - {clause.begin} for found in places)
+        uses = (offsets for word, offsets in self.words.items() if name in word and word != f"d{name}")
+        return any(offsets - {clause.begin} for offsets in uses)
 
     def changes(self, name: str, clause: Clause) -> bool:
         """Return True if a clause other than `clause` states the derivative of a name, or that it is constant."""
         rates = (name + ending for endings in SPELLINGS[1:] for ending in endings)
         places = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
-        return any(found - {clause.begin} for found in places)
+        return any(offsets - {clause.begin} for offsets in places)

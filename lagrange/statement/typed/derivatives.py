@@ -81,7 +81,7 @@ def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
             group = list(tokens[i : closing(tokens, i) + 1]) if tokens[i].is_sign("{", "(") else [tokens[i]]
             inside = _marked(group[1:-1] if len(group) > 1 else group, levels - 1)
             i += len(group)
-            by_time = [one.text for one in tokens[i : i + 3]] == ["{", "t", "}"]  # of \\dv{x}{t}
+            by_time = [following.text for following in tokens[i : i + 3]] == ["{", "t", "}"]  # of \\dv{x}{t}
             i += 3 * by_time
             if len(inside) == 1 and inside[0].kind == "word":
                 word = replace(inside[0], begin=token.begin, spaced=token.spaced)
@@ -153,9 +153,8 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
     return replaced
 
 
+# Order of a derivative, tokens of its operand (none if the operand follows), and the next index
 _Rate = tuple[int, list[Token], int]
-"""Order of a derivative, tokens of its operand (none if the operand follows), and the next index."""
-
 _POWER = r"(\^(?:\([0-9]+ \)|[0-9]+ ))?"
 _TOP = re.compile(rf"(\()?d(?:([0-9]?)([^\W\d]\S*) |([0-9]?) {_POWER})")
 _BOTTOM = [re.compile(rf"(?:\(t \))?{closed}/(\()?d ?t([0-9]?) {_POWER}(?(1)\){_POWER})") for closed in ("", r"\)")]

@@ -23,8 +23,8 @@ MOST_READINGS = 12  # Most readings of one text that are tried
 
 SUM, PRODUCT, POWER, ATOM = range(4)
 
+# Letters of constant angles at the end of the argument of a function
 _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
-"""Letters of constant angles at the end of the argument of a function."""
 
 
 class TypedFault(Exception):
@@ -133,7 +133,7 @@ class Choices:
         open_places = {place: count for place, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_places.values()))
         listed = [dict(zip(open_places, options, strict=True)) for options in islice(every, 1, 256)]
-        return sorted(listed, key=lambda one: sum(map(bool, one.values())))[: MOST_READINGS - 1]
+        return sorted(listed, key=lambda chosen: sum(map(bool, chosen.values())))[: MOST_READINGS - 1]
 
 
 @dataclass
@@ -154,6 +154,18 @@ class Formula:
             sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
             text = text.replace(name, f"{sign}({operand})")
         return text
+
+    @property
+    def terms(self) -> list[str]:
+        """The strict texts of the terms of the outermost sum, without time derivatives of expressions."""
+        terms, depth = [""], 0
+        for piece in re.split(r"( [+-] |[()])", self.text):
+            depth += (piece == "(") - (piece == ")")
+            if depth == 0 and piece in (" + ", " - "):
+                terms.append(piece.strip(" +"))
+            else:
+                terms[-1] += piece
+        return [term for term in terms if not any(name in term for name in self.rates)]
 
 
 def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
@@ -379,7 +391,7 @@ class _Parser:
         if piece.kind == "e":
             exponent = self.exponent()
             return Part("exp(1)") if exponent is None else self.called("exp", [exponent])
-        here = [one.text for one in self.tokens[self.place : self.place + 3]]
+        here = [following.text for following in self.tokens[self.place : self.place + 3]]
         if piece.base and here in (["(", "t", ")"], ["[", "t", "]"]):
             self.place += 3
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
@@ -443,8 +455,8 @@ class _Parser:
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", place)
         piece = self.names.exact.get(operand.text)
-        if piece is not None and (found := self.names.derivative(piece, order)):
-            return Part(found.name, moves=True)
+        if piece is not None and (rate := self.names.derivative(piece, order)):
+            return Part(rate.name, moves=True)
         name = f"rate_{len(self.rates) + self.taken + 1}_of"
         self.rates[name] = (operand.text, order)
         return Part(name, moves=True)

@@ -13,9 +13,8 @@ from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
 
 _COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*|^\s*\*\*[^*=\n]+\*\*:?\s*$", re.MULTILINE)
+# A row of a Markdown table: a label and an equation
 _TABLE_ROW = re.compile(r"^([ \t]*)\|([^|=\n]*:[ \t]*)\|([^|\n]*)\|([ \t]*)$", re.MULTILINE)
-"""A row of a Markdown table: a label and an equation."""
-
 _CODE = re.compile(r"(?<![\w)\]}'`])`([^`\n]+)`(?!`)")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
@@ -117,8 +116,8 @@ def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) 
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
     listed = len(stated) > 1 and all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated)
     lines = [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) if listed else line for line in lines]
-    found = ((line, _COORDINATE.match(line)) for line in lines)
-    labels = [(line, label if label and is_coordinate(label.group(1)) else None) for line, label in found]
+    matches = ((line, _COORDINATE.match(line)) for line in lines)
+    labels = [(line, label if label and is_coordinate(label.group(1)) else None) for line, label in matches]
     several = len({label.group(1) for _, label in labels if label}) > 1
     return [" " * label.end() + line[label.end() :] if label and several else line for line, label in labels]
 
@@ -176,13 +175,12 @@ def _spaces(text: str) -> str:
 
 _BODY = re.compile(r"\\begin\{document\}(.*?)\\end\{document\}", re.DOTALL)
 _MARK = r"[ \t]*(?:\\(?:sub)*section\*?\{|#+|\*\*)"
+# A heading on a line of its own, and the text up to the next one: after a blank line, not indented, without = or $
 _SECTION = re.compile(
     rf"^(?:{_MARK})?[ \t]*(?:equations?[ ]of[ ]motion|bewegungsgleichung(?:en)?)[ \t]*(?:\}}|\*\*|:)*[ \t]*$"
     rf"(.*?)(?=^{_MARK}|\n[ \t]*\n[^\s=\\$][^=\n\\$]*$|\Z)",
     re.DOTALL | re.IGNORECASE | re.MULTILINE,
 )
-"""A heading on a line of its own, and the text up to the next one: after a blank line, not indented, without = or $."""
-
 _FORMULA = re.compile(
     r"\$\$.*?\$\$|\$[^$]*\$|\\\[.*?\\\]|\\\(.*?\\\)"
     r"|\\begin\{((?:equation|align|gather|multline|eqnarray|displaymath)\*?)\}.*?\\end\{\1\}",
@@ -200,15 +198,10 @@ def parts_of_document(text: str) -> Iterator[str]:
     for match in (body, section):
         begin, end = match.span(1) if match else (0, len(text))
         spans = [formula.span() for formula in _FORMULA.finditer(text, begin, end) if "=" in formula.group()]
-        if spans or match is section:
-            yield _only(text, spans or [(begin, end)])
-
-
-def _only(text: str, spans: list[tuple[int, int]]) -> str:
-    """Return a text with blanks outside of `spans`, and a semicolon after each span; line breaks are kept."""
-    blank = _spaces(text)
-    kept, place = [], 0
-    for begin, end in spans:
-        kept += [re.sub("^ ", ";", blank[place:begin]), text[begin:end]]
-        place = end
-    return "".join([*kept, blank[place:]])
+        if not (spans or match is section):
+            continue
+        kept, place, blank = list[str](), 0, _spaces(text)
+        for first, last in spans or [(begin, end)]:
+            kept += [re.sub("^ ", ";", blank[place:first]), text[first:last]]
+            place = last
+        yield "".join([*kept, blank[place:]])

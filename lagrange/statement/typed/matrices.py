@@ -65,7 +65,7 @@ def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[To
                 mark = CELL if j else ROW if i else MATRIX
                 rate = [Token("rate", str(order), token.begin, token.end)] if order else []
                 inside = bracketed(entry) if order else entry
-                moved = [replace(one, begin=token.begin, end=token.end) for one in inside]
+                moved = [replace(part, begin=token.begin, end=token.end) for part in inside]
                 replaced += [_sign(mark, token), *rate, *moved]
         replaced.append(_sign(MATRIX_END, token))
     return replaced
@@ -93,7 +93,7 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
         size = len(column)
         parts.append(column)
     rows: list[Sequence[Token]] = [
-        [one for part in parts for one in ([part] if isinstance(part, Token) else part[k])] for k in range(size)
+        [token for part in parts for token in ([part] if isinstance(part, Token) else part[k])] for k in range(size)
     ]
     return rows or [tokens]
 
@@ -104,11 +104,14 @@ def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
     `begin` is the token at which the fault is located.
     """
     *others, last = factors
-    column = [[one for entry in row for one in entry] for row in last if len(row) == 1]
+    column = [[token for entry in row for token in entry] for row in last if len(row) == 1]
     fits = len(column) == len(last)
     for matrix in reversed(others):
         fits = fits and all(len(row) == len(column) for row in matrix)
-        column = [_sum([_product(*pair) for pair in zip(row, column, strict=fits)]) for row in matrix]
+        column = [
+            _sum([[*bracketed(a), _sign("*", b[0]), *bracketed(b)] for a, b in zip(row, column, strict=fits)])
+            for row in matrix
+        ]
         if sum(map(len, column)) > MOST_TOKENS:
             raise TypedFault("the product of matrices is too long: multiply it out", begin.begin)
     if not fits:
@@ -120,11 +123,7 @@ def _sum(terms: Sequence[list[Token]]) -> list[Token]:
     """Return the tokens of a sum of terms, without the terms that have a factor 0."""
     ends = [["".join(token.text for token in end) for end in (term[:3], term[-3:])] for term in terms]
     kept = [term for term, factors in zip(terms, ends, strict=True) if "(0)" not in factors] or terms[:1]
-    return [one for term in kept for one in (_sign("+", term[0]), *term)]
-
-
-def _product(left: Sequence[Token], right: Sequence[Token]) -> list[Token]:
-    return [*bracketed(left), _sign("*", right[0]), *bracketed(right)]
+    return [token for term in kept for token in (_sign("+", term[0]), *term)]
 
 
 def _sign(mark: str, place: Token) -> Token:

@@ -13,9 +13,8 @@ from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
 
 RATES = ("", "_dot", "_ddot")  # Endings of a coordinate, its velocity and its acceleration in the strict notation
 
+# Endings that people type in place of those in `RATES`, by the order of the derivative, without underscores
 SPELLINGS = (("",), ("dot",), ("ddot", "dotdot", "doubledot"))
-"""Endings that people type in place of those in `RATES`, by the order of the derivative, without underscores."""
-
 LONGEST_SPLIT = 64  # Most characters of a word that is taken for a product of several symbols
 MOST_SPLITS = 4  # Most products that one word may mean; each is tried
 SIMILAR = 0.8  # Least similarity, from 0 to 1, of a name that a hint offers
@@ -65,7 +64,7 @@ class Names:
         }
         self.exact = {name: pieces.get(name) or Piece(name, moves=name in others.values()) for name in self.names}
         self.spellings: dict[str, Piece] = {}
-        for spelling, name in [*self._usual(), *((base, base) for base in self.bases), *others.items()]:
+        for spelling, name in [*self._usual(), *zip(self.bases, self.bases, strict=True), *others.items()]:
             for order in range(len(RATES)):
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:

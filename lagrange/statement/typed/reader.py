@@ -35,24 +35,19 @@ LONGEST_TEXT = 8_000  # Most characters of one equation: the longest that the pa
 LONGEST_ANSWER = 60_000  # Most characters of a text with equations
 _VALUE = sympy.Dummy("value", real=True)  # A name that is defined, or its square
 
+# Words with marks that mean derivatives in formulas: Newton's, für
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
-"""Words with marks that mean derivatives in formulas: Newton's, für."""
-
+# A name that is not a symbol and may be a factor of both sides of an equation
 _FREE = re.compile(rf"[A-Za-z](?:_?[0-9A-Z]|_[a-z])?|{'|'.join(GREEK.values())}")
-"""A name that is not a symbol and may be a factor of both sides of an equation."""
-
 MOST_FREE = 3  # Most such names in one equation
 EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to these or to 1
 
+# Words and signs on a line with an equation for small motions
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
-"""Words and signs on a line with an equation for small motions."""
-
+# Words before an equation that holds at rest only
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
-"""Words before an equation that holds at rest only."""
-
+# Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one.
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
-"""Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one."""
-
 _LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
 _LETTERS |= {0x210E: "h", 0xFEFF: " "}
 """Plain letters for the italic ones of formula editors, and a blank for the mark at the start of some files."""
@@ -62,9 +57,8 @@ MOST_DEFINED = 40  # Most equations of one text that are tried as definitions
 MOST_EQUATIONS = 1_000  # Most equations of one text
 MOST_TOLD = 20  # Most faults that are written as sentences; fewer fit into a message
 
+# Most characters of the faults listed in a message; with the count of the others it stays below 400
 LONGEST_REFUSAL = 360
-"""Most characters of the faults listed in a message; with the count of the others it stays below 400."""
-
 READ_SO_FAR = " Before the first fault it is read as {}."  # Sentence on the part of an equation before its first fault
 LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a message
 
@@ -74,13 +68,15 @@ class Reading:
     """One reading of an equation: `zero`, the left minus the right side, and `right`, the right side.
 
     `read` is the equation in the strict notation, with both sides. `differentiated` are the expressions whose time
-    derivative was typed, as in d/dt(m x').
+    derivative was typed, as in d/dt(m x'). `terms` are the other typed terms of each side, which SymPy adds to like
+    terms; () if there are no like terms.
     """
 
     zero: Any
     right: Any
     read: str
     differentiated: tuple[Any, ...] = ()
+    terms: tuple[tuple[Any, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -150,8 +146,8 @@ class TypedReader:
         """
         text = text.translate(_LETTERS)
         reader, clauses = self._clauses(text, what)
-        found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
-        exact = any(reader.names.order(one.tokens) > 1 and not self._is_special(text, one) for one in clauses)
+        read, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
+        exact = any(reader.names.order(clause.tokens) > 1 and not self._is_special(text, clause) for clause in clauses)
         for clause in clauses:
             if clause.is_value():
                 continue
@@ -168,17 +164,17 @@ class TypedReader:
                 (remarks if left_out else faults).extend(error.faults)
                 continue
             line = _line(text, clause.begin)
-            found += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
-        if faults or (remarks and not found):
+            read += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
+        if faults or (remarks and not read):
             raise StatementError(reader._refusal(text, faults or remarks, what))
-        return found
+        return read
 
     def _is_left_out(self, clause: Clause, narrow: tuple[int, int], *, moves: bool) -> bool:
         """Return True if a clause that cannot be read is a remark or a general law, or has unknown names only.
 
         `narrow` is the span of its equation without words around it. If it has an acceleration, `moves` is true.
         """
-        words = [side for side in clause.part(*narrow).sides() if any(one.kind == "word" for one in side)]
+        words = [side for side in clause.part(*narrow).sides() if any(token.kind == "word" for token in side)]
         foreign = [self._is_foreign(side) for side in words]
         if clause.is_law(clause.begin, clause.end) or (foreign and all(foreign)):
             return True
@@ -398,12 +394,16 @@ class TypedReader:
                     names[name] = self.differentiated(inside, order)
                     differentiated += [inside] * (order == 1)
             values = [read_expression(formula.text, names) for formula in formulas]
+            pairs = list(zip(formulas, values, strict=True))
+            like = any(formula.rates or len(formula.terms) > len(sympy.Add.make_args(x)) for formula, x in pairs)
+            terms = tuple(tuple(read_expression(term, names) for term in formula.terms) for formula in formulas if like)
         except SceneError as error:
             read = " = ".join(formula.shown for formula in formulas)
             fault = TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)
             raise _Faults([fault]) from None
         left, right = (*values, sympy.S.Zero)[:2]
-        return Reading(left - right, right, " = ".join(formula.shown for formula in formulas), tuple(differentiated))
+        shown = " = ".join(formula.shown for formula in formulas)
+        return Reading(left - right, right, shown, tuple(differentiated), terms)
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of `order` along the motion. Raises SceneError if a symbol has no derivative."""

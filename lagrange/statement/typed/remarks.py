@@ -19,26 +19,22 @@ from lagrange.statement.typed.names import Names
 from lagrange.statement.typed.tokens import Token
 
 _ASIDES = "where|with|for|if|when|since|because|as|here|assuming|provided|using|wobei|mit|fur|wenn|falls|weil|da"
+# Words that may stand directly before an equation
 _CONNECTING = re.compile(
     "so|thus|hence|therefore|then|and|or|are|gives|yields|get|obtain|find|is|that|reads|becomes|follows|which|finally|"
     "answer|solution|result|eom|also|und|oder|somit|daher|damit|dann|folgt|gilt|ist|lautet|ergibt|sich|antwort|"
     "ergebnis|losung"
 )
-"""Words that may stand directly before an equation."""
-
+# Words that are read as signs of operations
 OPERATIONS = {"plus": "+", "minus": "-", "times": "*", "mal": "*", "over": "/", "durch": "/"}
-"""Words that are read as signs of operations."""
-
 _UNREAD = ("squared", "divided", "geteilt", "multiplied")  # Words for operations that are not read
 
+# Words that may not precede an equation, unless a comma and a connecting word follow
 _NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
-"""Words that may not precede an equation, unless a comma and a connecting word follow."""
-
 _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 
+# Words without a meaning of their own, so that they do not make prose out of symbols
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
-"""Words without a meaning of their own, so that they do not make prose out of symbols."""
-
 _ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
@@ -47,14 +43,12 @@ _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
 _UNITS_ALONE = re.compile(rf"\s*(?:{_UNITS}|\w+\s+in\s+{_UNITS}(?:,\s*\w+\s+in\s+{_UNITS})*)[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
 _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
+# Words at the end of an equation that say nothing: Q.E.D., for all times
 _PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
-"""Words at the end of an equation that say nothing: Q.E.D., for all times."""
-
 _MARK = re.compile(rf"[,;!]|\.\s|//|--|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
+# Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
-"""Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"."""
-
 _INEQUALITY = re.compile(r"(?<![-=<])[<>](?![=>])|[<>]=|[≤≥]|\\(?:[lg]eq?|[lg]t)(?![A-Za-z])")
 _NEVER = re.compile(r"[=^|\\]")
 _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
@@ -159,7 +153,7 @@ class Clause:
         for match in _BRACKET.finditer(text, self.begin, self.end):
             if self._is_apart(*match.span(1)):
                 text = text[: match.start()] + " " * len(match.group()) + text[match.end() :]
-        return replace(self, text=text, tokens=tuple(one for one in self.tokens if not text[one.begin].isspace()))
+        return replace(self, text=text, tokens=tuple(token for token in self.tokens if not text[token.begin].isspace()))
 
     def clauses(self) -> list[Clause]:
         """Return the clauses into which this line is divided.
@@ -182,7 +176,7 @@ class Clause:
             clauses.append(self._trimmed(start, left, aside))
             start, aside = right, opens or (aside and text[left] not in CLOSE)
         clauses.append(self._trimmed(start, end, aside))
-        parts = (one._trimmed(*span, one.aside) for one in clauses for span in separated(text, one.begin, one.end))
+        parts = (part._trimmed(*span, part.aside) for part in clauses for span in separated(text, part.begin, part.end))
         return [clause for clause in parts if clause.end > clause.begin]
 
     def _trimmed(self, begin: int, end: int, aside: bool) -> Clause:

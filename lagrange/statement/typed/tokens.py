@@ -14,12 +14,11 @@ from lagrange.statement.typed import latex
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
+# Combining marks above a letter, and the order of the time derivative that each means
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
-"""Combining marks above a letter, and the order of the time derivative that each means."""
-
+# Marks after a letter that mean derivatives, and their order
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
-"""Marks after a letter that mean derivatives, and their order."""
-
+# Signs of a formula, and their plain signs
 SIGNS = {
     **{mark: mark for mark in (*"+-*/^=()[]{}|,", *latex.MATRIX_MARKS)},
     **dict.fromkeys("\u2212\u2013\u2014\u2010\u2011\u2012", "-"),
@@ -27,15 +26,11 @@ SIGNS = {
     **dict.fromkeys("÷∕⁄", "/"),
     "√": "sqrt",
 }
-"""Signs of a formula, and their plain signs."""
-
+# Characters that look like letters of a name, and their spelling in names
 GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ": "mu", "π": "pi", "ℓ": "ell", "ς": "sigma"}
-"""Characters that look like letters of a name, and their spelling in names."""
-
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
+# A number such as 0,5: no blanks around the comma, and no further comma or point
 _DECIMAL_COMMA = re.compile(r"([0-9]+)(?:,|\{,\})([0-9]+)(?![0-9]|[.,][0-9])")
-"""A number such as 0,5: no blanks around the comma, and no further comma or point."""
-
 _LONE = re.compile(r"\s*([0-9A-Za-z])")  # An argument of a fraction without braces
 
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
@@ -96,7 +91,7 @@ class _Scanner:
 
     def __init__(self, text: str, end: int) -> None:
         self.text, self.end = text[:end], end
-        self.found: list[Token] = []
+        self.tokens: list[Token] = []
         self.spaced = False
         self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
 
@@ -108,14 +103,14 @@ class _Scanner:
                 self.spaced, place = True, blank.end()
                 continue
             place = self._token(place)
-        return self.found
+        return self.tokens
 
     def _add(self, kind: str, text: str, begin: int, end: int, order: int = 0) -> int:
         if kind == "sign" and text in "([{":
-            self.listing.append(bool(self.found) and self.found[-1].text in SEVERAL)
+            self.listing.append(bool(self.tokens) and self.tokens[-1].text in SEVERAL)
         elif kind == "sign" and text in ")]}" and self.listing:
             self.listing.pop()
-        self.found.append(Token(kind, text, begin, end, order, self.spaced))
+        self.tokens.append(Token(kind, text, begin, end, order, self.spaced))
         self.spaced = False
         return end
 
@@ -151,9 +146,9 @@ class _Scanner:
             return self._word(place)
         above, slash, below = unicodedata.normalize("NFKC", mark).partition("⁄")
         if slash:
-            last = self.found[-1] if self.found else None
+            last = self.tokens[-1] if self.tokens else None
             if last and last.end == place and last.kind == "number" and last.text.isdigit():  # 1½
-                self.found.pop()
+                self.tokens.pop()
                 return self._add("number", f"{int(last.text) * int(below) + int(above)}/{below}", last.begin, place + 1)
             return self._add("number", f"{above}/{below}", place, place + 1)
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", place, place + 1)
@@ -203,14 +198,12 @@ class _Scanner:
         if match is None:
             return self._add("fault", "a backslash stands at the end", place, place + 1)
         name, after = match.group(1), match.end()
-        if name in latex.SPACES or name.isspace() or name in ",;:!>":
+        if name in latex.SPACES or name.isspace():
             self.spaced = True
             return after
         if name in latex.COMMAND_SIGNS:
             sign = latex.COMMAND_SIGNS[name]
             return self._add("prime", "1", place, after) if sign == "'" else self._add("sign", sign, place, after)
-        if name in "{}|":
-            return self._add("sign", {"{": "(", "}": ")", "|": "|"}[name], place, after)
         if name in latex.FRACTIONS:
             after = self._add("fraction", name, place, after)
             for _ in range(2):
@@ -228,10 +221,9 @@ class _Scanner:
                 return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, place, end)
             if group is None:  # \mathrm d sets one letter upright
                 return after
-        if name in latex.LETTER_COMMANDS or name in latex.FUNCTION_COMMANDS:
-            index, end = self._indices(after) if name in latex.LETTER_COMMANDS else ("", after)
-            word = latex.LETTER_COMMANDS.get(name) or latex.FUNCTION_COMMANDS[name]
-            return self._add("word", word + index, place, end)
+        if name in latex.WORDS:
+            index, end = self._indices(after)
+            return self._add("word", latex.WORDS[name] + index, place, end)
         return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", place, after)
 
 
