@@ -22,7 +22,7 @@ import lagrange.procedure
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.series.by_order import ByOrderJet
 from lagrange.algorithm.series.integrator import TaylorProcedures
-from lagrange.algorithm.series.looped import Image, LoopedJet
+from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.series.written_out import WrittenJet
