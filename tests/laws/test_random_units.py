@@ -63,7 +63,7 @@ def ended(seed: int, unit: tuple[float, float, float], method: str, rtol: float)
     return np.asarray(last)
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     draw = random.Random(1000 + seed)
@@ -75,6 +75,7 @@ def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [24, 27])
 def test_a_light_body_on_hanging_rods_starts_from_rest(seed: int) -> None:
     """The first steps leave rates so small that all terms of their constraints are rounding."""

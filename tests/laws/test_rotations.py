@@ -489,6 +489,7 @@ def test_a_rattleback_turns_back() -> None:
     assert np.ptp(run.energy) < 1e-9 * np.abs(run.energy).max()
 
 
+@pytest.mark.slow
 def test_a_quadrotor_rises_and_rolls_by_the_integrals_of_its_thrusts() -> None:
     """The roll rate is the integral of 2 l u / J1; after whole periods of the sine it is back at zero."""
     run = example("quadrotor")

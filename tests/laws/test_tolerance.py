@@ -63,7 +63,7 @@ def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
     return end, last, size, growth
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*SCENES, *MODELS])
 def test_the_reference_agrees_with_another_method(name: str) -> None:
     """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""

@@ -180,7 +180,7 @@ def test_a_motion_is_the_same_in_all_units(name: str, method: str) -> None:
     assert np.array_equal(here, there)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "method"), [*product(("orbit", "driven from rest", "plucked chain"), THEIRS)])
 def test_solvers_of_other_packages_have_the_same_errors_in_all_units(name: str, method: str) -> None:
     skip_without(method)

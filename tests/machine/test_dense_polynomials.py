@@ -74,6 +74,7 @@ def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
         assert found == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_one_step_gets_does_not_depend_on_the_steps_of_its_block(kind: str, target: str) -> None:
@@ -143,6 +144,7 @@ def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_
     assert (dense.coefficients(times[:3], states[:3], np.arange(2)) == c[:, :, :2]).all()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("stages", POINTS)
 def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: str) -> None:
@@ -173,6 +175,7 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
     assert not np.isfinite(found[2]).all()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("order", [4, 11, 20])
 @pytest.mark.parametrize("span", [0.3, -0.7, 1e-5, 3.0])

@@ -78,13 +78,12 @@ def test_solve_ivp_takes_inputs_as_functions_of_time() -> None:
     functions = {name: (lambda t, name=name: at(t)[name]) for name in opened.inputs}
     problem = opened.as_scipy(inputs=functions, events=[theta - 0.5])
     other = valued.as_scipy(events=[theta - 0.5])
-    for method in ("RK45", "Radau"):
-        found, wanted = (
-            solve_ivp(**one.arguments((0, 0.5), {theta: 1}, method=method, rtol=1e-6)) for one in (problem, other)
-        )
-        np.testing.assert_allclose(found.y[:, -1], wanted.y[:, -1], rtol=1e-9)
-        assert found.t_events is not None and wanted.t_events is not None
-        np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-9)
+    found, wanted = (
+        solve_ivp(**one.arguments((0, 0.5), {theta: 1}, method="RK45", rtol=1e-6)) for one in (problem, other)
+    )
+    np.testing.assert_allclose(found.y[:, -1], wanted.y[:, -1], rtol=1e-9)
+    assert found.t_events is not None and wanted.t_events is not None
+    np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-9)
 
 
 def test_functions_of_inputs_are_asked_for_by_name() -> None:

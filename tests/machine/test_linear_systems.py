@@ -109,6 +109,7 @@ def test_a_column_has_the_bits_of_its_state_alone() -> None:
             assert (many[:, k] == solve("llvm", a, b[:, k])).all(), (n, k)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)

@@ -381,7 +381,7 @@ ANGLES = {
 }
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("where", ANGLES)
 def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str, everything: bool) -> None:
     angles = ANGLES[where][:: 1 if everything else 6]

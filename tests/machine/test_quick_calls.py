@@ -313,6 +313,7 @@ def test_a_series_in_many_blocks_is_that_of_the_interpreter(equations: Equations
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("system", [nested, chain])
 def test_the_start_of_a_series_is_built_once(system: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each value used to be built anew from the coordinates up, so that 1,500 sines took two minutes."""

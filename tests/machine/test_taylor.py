@@ -116,6 +116,7 @@ def test_in_loops(name: str, lanes: int) -> None:
         assert_same_rows(compiled(name, lanes, 0), order, 0.3, state, given)
 
 
+@pytest.mark.slow
 def test_every_rule_is_compiled() -> None:
     assert {rule.op for name in ALL for rule in system(name)[1].rules} == set(RULES)
 
@@ -275,6 +276,7 @@ def in_stages(program: SeriesProgram) -> SeriesProgram:
     return replace(program, stages=tuple(stages))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [6, 0])
 @pytest.mark.parametrize("name", ["saddle", "elastic pendulum", "charge", "spherical pendulum", "Henon-Heiles"])
 def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:

@@ -241,7 +241,7 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("method", ["taylor", "radau5"])
 @pytest.mark.parametrize("listed", [list, iter])

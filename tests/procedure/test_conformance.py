@@ -137,7 +137,7 @@ def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.n
     return found
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene(scene: str) -> None:
     system = lg.scene(scene)

@@ -88,6 +88,7 @@ def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
     assert found.status is Status.SUCCESS and found.steps < 30
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("speed", "angle"), [(1.0, math.pi), (-1.0, -math.pi)])
 @pytest.mark.parametrize("height", [0.0, -0.0])
 def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:

@@ -150,6 +150,7 @@ def test_energy_stays_bounded_without_drift(method: str) -> None:
 # --- where they end, and their path ----------------------------------------------------------------------
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_constraints_that_become_dependent_are_told(method: str, target: str) -> None:

@@ -79,7 +79,7 @@ def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str, share: Share) ->
         assert len(found.t_events[0]) and len(found.t_events[2])
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None:
     """It may come before it, behind it or with it, end the run, or be the very zero of the reset."""
@@ -175,6 +175,7 @@ def cradle(count: int, gap: float = 0.0) -> tuple[lg.System, list[lg.Event]]:
     return system, impacts
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None:
     """Equal balls that exchange velocities are pendulums that pass one another: the exact motion is known.

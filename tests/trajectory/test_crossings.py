@@ -280,6 +280,7 @@ ENDED = {
 """All reach their place at t = 1."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", STOPPED_METHODS)
 @pytest.mark.parametrize("kind", ENDED)
 def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: str) -> None:
@@ -294,6 +295,7 @@ def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: 
     assert np.abs(run.at(run.t[-1]) - run.y[:, -1]).max() < 1e-9
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", STOPPED_METHODS)
 @pytest.mark.parametrize(
     ("wire", "wall"), [(x * Abs(x), 1.0), (Piecewise((x**2, x > 0), (0, True)), 0.0)], ids=["cubic", "flat"]
@@ -318,7 +320,7 @@ def test_what_a_run_keeps_ends_there_too() -> None:
         lg.flow(system.compile(check=False), method="rk4", step=0.01)([1.0, 1.0, -1.0, -1.0], 0.0, 2.5)
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5", "gauss2", "bdf2"])
 def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> None:
     """The speed is 1 - t: from rest every direction is as good."""

@@ -43,7 +43,7 @@ class Counting:
         """Nothing is quick: every call counts."""
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is counted are right-hand sides; of a Taylor run whole series, and the right-hand side of a first look."""
@@ -77,6 +77,7 @@ def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
     assert back.span == (0.0, -1.0) and back.t[-1] == -1.0
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("direction", [1, -1])
 def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
@@ -90,6 +91,7 @@ def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int
     assert many.steps == 3_000 and np.abs(np.diff(many.t) * direction - 1e-4).max() < 1e-15
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_of_no_length(name: str, target: str) -> None:
@@ -114,6 +116,7 @@ def test_far_from_time_zero(name: str, target: str) -> None:
 # --- the record, and memory -----------------------------------------------------------------------------------
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853", "taylor"])
 @pytest.mark.parametrize("system", ["oscillator", "Henon-Heiles", "8 carried masses"])
 def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str) -> None:
@@ -285,9 +288,7 @@ def test_what_goes_wrong_is_raised_with_the_sentence_of_a_run(target: str) -> No
     with pytest.raises(RunError, match=r"taylor stopped at t = 0 on the way from 0 to 1: x is nan"):
         flow([math.nan, 0, 0, 0], 0.0, 1.0)
     pole = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3)
-    for name in ADAPTIVE:
-        if target == "numpy" and name not in ("dopri5", "taylor"):
-            continue  # thousands of interpreted steps up to the pole, the same as on llvm
+    for name in ("dopri5", "taylor"):
         with pytest.raises(RunError, match=rf"{name} stopped at t = .* on the way from 0 to 5"):
             flow_of(pole, method=name)([1.0, 2.0], 0.0, 5.0)
     spherical = flow_of(model("spherical pendulum", target))

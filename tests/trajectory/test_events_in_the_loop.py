@@ -241,7 +241,7 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
     angle = atan2(y.dot, x)
     rises, falls = event(angle, direction=1), event(angle, direction=-1)
     kinked = Piecewise((x, y.dot > 0), (2 * x, True)) - 5
-    for speed in np.linspace(0.7, 0.95, 20):
+    for speed in np.linspace(0.7, 0.95, 8):
         start = {x: 1.0, y: 0.0, x.dot: 0.0, y.dot: float(speed)}
         alone = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls], rtol=1e-9)
         there = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls, kinked], rtol=1e-9)
@@ -324,6 +324,7 @@ def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, m
     assert_same(ours, run(compiled, end, "taylor", events=events))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("change", [{}, {"reset": {x.dot: -x.dot}}, {"terminal": 1}])
 @pytest.mark.parametrize("target", LLVM_FIRST)
 def test_events_on_a_step_that_its_defect_refuses_have_not_happened(

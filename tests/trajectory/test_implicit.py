@@ -160,7 +160,7 @@ def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, sy
         assert error > 1e-6
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name in IMPLICIT if find(name).claims.a_stable])
 def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str) -> None:
     """Over-damped and oscillating, a thousand times too fast for the step: nothing grows."""
@@ -185,6 +185,7 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 # --- the cost -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", SLOPES)
@@ -239,6 +240,7 @@ def test_a_stiff_system_takes_few_steps(name: str) -> None:
     assert np.abs(found.dense(times)[1] - pendulum.dense(times)[0]).max() < 5e-4
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 def test_round_off_ends_the_iteration(name: str, target: str) -> None:
@@ -287,6 +289,7 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
         assert 0.9 * end <= found.t[-1] <= end and np.abs(found.y).max() < 3e6
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(
     ("name", "step", "force", "time"),

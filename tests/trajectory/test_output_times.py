@@ -132,6 +132,7 @@ def assert_on_the_path(found: Trajectory, plain: Trajectory, times: FloatArray) 
     assert (np.abs(found.y - plain.dense(times)) <= allowed).all()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("count", [1, 3, 2000])
 @pytest.mark.parametrize("end", [20.0, -20.0])
@@ -354,6 +355,7 @@ def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: s
     assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str) -> None:

@@ -177,7 +177,7 @@ def often(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("method", "constrained"), [("taylor", False), ("taylor", True), ("radau5", False), ("scipy-lsoda", True)]
 )
@@ -274,6 +274,7 @@ MOST_GROWTH = 10.0
 """Step control lets a step grow by this factor at most, whatever its error."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES)
@@ -385,6 +386,7 @@ def test_a_second_watched_run_makes_no_driver(
     assert same_events(run(compiled, 3.0, name, initial={x: 1.0}, **options), first)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("events", WATCHED)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
 def test_threads_share_a_model(name: str, events: str) -> None:

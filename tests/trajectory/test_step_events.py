@@ -81,6 +81,7 @@ def test_directions_starts_and_ends(name: str, target: str) -> None:
     assert found.y_events[2][0] == pytest.approx([1.0, 1.0], rel=1e-13) and found.status is Status.SUCCESS
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *OUTSIDE])
 @pytest.mark.parametrize(("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 1), (2, 1, 4), (3, 0, 3)])
 def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, name: str) -> None:

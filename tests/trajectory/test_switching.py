@@ -33,6 +33,7 @@ STOPS = 50 * Max(0, x - 1) ** 2 + 50 * Min(0, x + 1) ** 2
 """Free between -1 and 1, where springs of frequency 10 begin."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("potential", "start", "period"),
     [

@@ -296,7 +296,7 @@ EACH = [
 ]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "law"), EACH)
 def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> None:
     """Methods of slopes get Hamilton's equations, where kinetic energy and potential need not separate."""

@@ -29,7 +29,7 @@ def truth(name: str, end: float) -> Any:
     return np.array(precise_run(model(name, "numpy"), values, 0.0, statement.initial, [end], digits=18)[0], dtype=float)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("end", [1.5, -1.5])
 @pytest.mark.parametrize("name", SMOOTH)
@@ -54,6 +54,7 @@ def test_an_order_of_ones_own(order: int) -> None:
     assert higher.steps <= found.steps
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["pendulum", "Kepler orbit"])
 @pytest.mark.parametrize("order", [4, 5, 6, 7, 9])
 def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: str) -> None:
@@ -158,6 +159,7 @@ def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str
 STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(("start", "after"), [(0.0, 0.1), (7.0, 1e-100), (7.08, 1e-100)])
 def test_coefficients_that_overflow(start: float, after: float, target: str) -> None:
@@ -171,6 +173,7 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 # --- flows ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("order", [None, 8, 12, 18, 20, 24])
 def test_a_coefficient_that_is_small_by_chance(target: str, order: int | None) -> None:
