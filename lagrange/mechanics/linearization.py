@@ -76,19 +76,46 @@ class Linearization(ShownAsPage):
 
     @property
     def first_order(self) -> bool:
-        """True if the coordinates have no inertia: the equations are then C x' + K x = (input matrix) u."""
+        """True if no coordinate has inertia: the equations are then C x' + K x = (input matrix) u."""
         return bool(self.M.is_zero_matrix) and not self.C.is_zero_matrix
 
-    @cached_property
+    @property
+    def without_inertia(self) -> list[int]:
+        """Indices of the velocities without inertia: the rows and columns of M that are zero, with forces in C."""
+        return [
+            k
+            for k in range(self.M.rows)
+            if self.M.row(k).is_zero_matrix and self.M.col(k).is_zero_matrix and not self.C.row(k).is_zero_matrix
+        ]
+
+    @property
     def A(self) -> Any:
-        """Matrix A of the first-order form d/dt [x, x'] = A [x, x'] + B u, or d/dt x = A x + B u without inertia."""
-        if self.first_order:
-            return (-self._inverse * self.K).applyfunc(simplest)
-        rates = self._inverse * sympy.Matrix.hstack(-self.K, -self.C)
-        above = sympy.Matrix.hstack(self.velocity_slope, self.velocity_basis).extract(
-            self.places, list(range(rates.cols))
-        )
-        return sympy.Matrix.vstack(above, rates).applyfunc(simplest)
+        """Matrix A of the first-order form d/dt [x, x'] = A [x, x'] + B u. x' are only the velocities with inertia."""
+        return self._rates[:, : self._rates.cols - self.input_matrix.cols]
+
+    @property
+    def B(self) -> Any:
+        """Input matrix B of the first-order form: as many rows as A, and a column for each input."""
+        return self._rates[:, self._rates.cols - self.input_matrix.cols :]
+
+    @cached_property
+    def _rates(self) -> Any:
+        """The matrix [A, B]. Raises StatementError if M or C is singular for the velocities that it has to give."""
+        massless = self.without_inertia
+        massive = [k for k in range(self.M.rows) if k not in massless]
+        forces = sympy.Matrix.hstack(-self.K, -self.C.extract(list(range(self.C.rows)), massive), self.input_matrix)
+        columns = list(range(forces.cols))
+        slow = self._inverse(self.C, massless, "damping matrix C") * forces.extract(massless, columns)
+        left = forces.extract(massive, columns) - self.C.extract(massive, massless) * slow
+        fast = self._inverse(self.M, massive, "mass matrix") * left
+        velocities = sympy.zeros(self.M.rows, forces.cols)
+        for row, k in enumerate(massless):
+            velocities[k, :] = slow[row, :]
+        for row, k in enumerate(massive):
+            velocities[k, self.K.cols + row] = 1
+        above = self.velocity_basis * velocities
+        above[:, : self.K.cols] += self.velocity_slope
+        return sympy.Matrix.vstack(above.extract(self.places, columns), fast).applyfunc(simplest)
 
     @property
     def decimal(self) -> bool:
@@ -121,24 +148,14 @@ class Linearization(ShownAsPage):
             velocity_slope=self.velocity_slope.extract(everywhere, kept),
         )
 
-    @cached_property
-    def B(self) -> Any:
-        """Input matrix B of the first-order form, (2n, number of inputs), or (n, number of inputs) without inertia."""
-        below = (self._inverse * self.input_matrix).applyfunc(simplest)
-        if self.first_order:
-            return below
-        return sympy.Matrix.vstack(sympy.zeros(self.K.cols, below.cols), below)
-
-    @cached_property
-    def _inverse(self) -> Any:
-        """Inverse of M, or of C if `first_order`. Raises StatementError if that matrix is singular at the point."""
-        matrix, what = (self.C, "damping matrix C") if self.first_order else (self.M, "mass matrix")
-        shortener = Shortener("the inverse of the " + what, vanishes_in_symbols)
+    def _inverse(self, matrix: Any, rows: list[int], name: str) -> Any:
+        """Return the inverse of the block of a matrix with these rows and columns. Raises StatementError."""
+        shortener = Shortener("the inverse of the " + name, vanishes_in_symbols)
         try:
-            return shortener.solved(matrix, sympy.eye(matrix.rows))
+            return shortener.solved(matrix.extract(rows, rows), sympy.eye(len(rows)))
         except ZeroDivisionError:
             raise StatementError(
-                f"the {what} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
+                f"the {name} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
                 "coordinates that are regular there; state rates without inertia as constraints, such as e.dot - f."
             ) from None
 
@@ -223,7 +240,7 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the lower half of A twice, flattened: from the compiled model, and from the linearization.
+    """Return the rates of x' as rows of A twice, flattened: from the compiled model, and from the linearization.
 
     If a column of B differs, both versions of that column are returned instead. Matrices without values give NaN.
     """
@@ -231,35 +248,45 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
     places, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
     parts = (state, mass, damping, stiffness, pushes, places, speeds, slopes)
-    leading = damping if lin.first_order else mass
+    slow = lin.without_inertia
+    fast = [k for k in range(len(mass)) if k not in slow]
+    inertia, resistance = mass[np.ix_(fast, fast)], damping[np.ix_(slow, slow)]
     if (
         any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts)
-        or abs(np.linalg.det(leading)) < 1e-12
+        or min(abs(np.linalg.det(inertia)), abs(np.linalg.det(resistance))) < 1e-12
     ):
         return [], [float("nan")]
     time = float(values[t])
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
-    if lin.first_order:
-        # The velocities follow from the coordinates, v = f(x), so that dv/dt = (df/dx) v.
-        slopes = model.jacobian(time, state, parameters)[model.layout.v, model.layout.v]
-        return [*slopes.ravel()], [*np.linalg.solve(damping, -stiffness).ravel()]
+    # The velocities without inertia are `shares` times the deviations [x, x'].
+    forces, count = np.hstack([-stiffness, -damping[:, fast]]), stiffness.shape[1]
+    shares = np.linalg.solve(resistance, forces[slow])
+    formulas = np.linalg.solve(inertia, forces[fast] - damping[np.ix_(fast, slow)] @ shares)
     # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
     jacobian = model.jacobian(time, state, parameters)[model.layout.v][lin.speeds]
     by_place, by_speed = jacobian[:, model.layout.q], jacobian[:, model.layout.v]
-    compiled = np.hstack([by_place @ places + by_speed @ slopes, by_speed @ speeds])
-    formulas = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    scale = max(1e-300, np.abs(compiled).max())
+    by_place, by_speed = by_place @ places + by_speed @ slopes, by_speed @ speeds
+    compiled = np.hstack([by_place[fast], by_speed[np.ix_(fast, fast)]]) + by_speed[np.ix_(fast, slow)] @ shares
+    # The model also has the rates of velocities without inertia.
+    compiled_slow = by_speed[slow]
+    formulas_slow = shares[:, :count] @ speeds[lin.places] + shares[:, count:] @ by_speed[fast]
+    scale = max(1e-300, np.abs(by_speed).max(), np.abs(by_place).max())
     for k, u in enumerate(point.inputs):
+        # Velocities without inertia follow the input at once.
+        moves, rates = np.zeros(len(mass)), np.zeros(len(mass))
+        moves[slow] = np.linalg.solve(resistance, pushes[slow, k])
+        rates[fast] = np.linalg.solve(inertia, pushes[fast, k] - damping[fast] @ moves)
+        rates[slow] = shares @ np.concatenate([speeds[lin.places] @ moves, rates[fast]])
+        shift = np.concatenate([np.zeros(len(speeds)), speeds @ moves])
         # One-sided difference: an input declared positive must not become negative.
         near, here, far = (
-            model.rhs(time, state, {**parameters, u: parameters[u] + share * INPUT_STEP})[model.layout.v]
-            for share in (1, 0, 2)
+            model.rhs(time, state + step * shift, {**parameters, u: parameters[u] + step})[model.layout.v]
+            for step in (INPUT_STEP, 0, 2 * INPUT_STEP)
         )
-        column = (4 * near - 3 * here - far) / (2 * INPUT_STEP)
-        symbolic = speeds @ np.linalg.solve(mass, pushes[:, k])
+        column, symbolic = (4 * near - 3 * here - far) / (2 * INPUT_STEP), speeds @ rates
         if np.abs(symbolic - column).max() > INPUT_ERROR * max(scale, np.abs(column).max()):
             return [*column], [*symbolic]
-    return [*compiled.ravel()], [*formulas.ravel()]
+    return [*compiled.ravel(), *compiled_slow.ravel()], [*formulas.ravel(), *formulas_slow.ravel()]
 
 
 ELIMINATION_ROUNDING = 1e-9

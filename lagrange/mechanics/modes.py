@@ -89,12 +89,9 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
     names = [name_of(q) for q in lin.velocity_coordinates if q in massless]
     if not names:
         return
-    what = f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so that {name} has no modes"
-    if lin.first_order:
-        raise StatementError(f"{what}: its motions decay or grow at the eigenvalues of linearize(...).A.")
     raise StatementError(
-        f"{what} of vibration alone: linearize(...) has the matrices of M x'' + C x' + K x = 0, whose exponents s make "
-        "det(M*s**2 + C*s + K) zero."
+        f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so that {name} has no modes of vibration "
+        "alone: its motions decay, grow or vibrate by the eigenvalues of linearize(...).A."
     )
 
 

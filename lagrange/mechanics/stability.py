@@ -76,7 +76,8 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     """Return the stability of an equilibrium: by eigenvalues if all parameters have values, else by provable signs."""
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
-    if lin.first_order and not is_zero(lin.C.det(method="berkowitz")):
+    slow = lin.without_inertia
+    if slow and not is_zero(lin.C.extract(slow, slow).det(method="berkowitz")):
         if values is None:
             return Verdict(
                 None,
