@@ -18,7 +18,7 @@ from lagrange.export.descriptions import COMMENT_WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name, wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
-from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
+from lagrange.export.target import QUANTITIES, SOLVED, Target, able_targets
 from lagrange.graph import node
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -145,10 +145,8 @@ def _refuse(
     for kind, requested in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
         if requested and kind not in target.contents:
             what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
-            able = [name for name, other in every_target().items() if kind in other.contents]
-            raise StatementError(
-                f"target {target.name!r} has no {what}: leave it out of contents, or take {listing(able)}."
-            )
+            able = able_targets(lambda other, kind=kind: kind in other.contents)
+            raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take {able}.")
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
@@ -212,13 +210,9 @@ def module_of(
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
     prepared = PreparedLayout.of([*every.values(), alone] if alone else [*every.values()])
     names = names_of(model)
-
-    def evaluated(program: Program, prepared: PreparedLayout, name: str, about: str) -> Procedure:
-        return kernel(program, prepared, name, about, names=names.of(program))
-
-    procedures = {name: evaluated(item, prepared, name, ABOUT[name]) for name, item in every.items()}
+    procedures = {name: kernel(item, prepared, name, ABOUT[name], names=names.of(item)) for name, item in every.items()}
     if alone:
-        divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
+        divided = kernel(alone, prepared, "divisors", ABOUT["divisors"], names=names.of(alone))
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
     relations = bool(model.equations.first_order)
@@ -229,16 +223,20 @@ def module_of(
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
     if asked.taylor:
-        series = _taylor(model, prepared.size, procedures.get("projection"))
+        least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
+        program, projection = model.series()[0].program, procedures.get("projection")
+        series = TaylorProcedures(program, prepared.size, least, projection, relations=relations)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         taylor = prune(series.taylor())
         integrators = (*integrators, ExportedIntegrator(TAYLOR, taylor.about, taylor, adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
-    quantities = tuple(_quantity(model, name, item, prune(procedures[name])) for name, item in programs.items())
+    procedures |= {name: prune(procedures[name]) for name in programs}
+    quantities = _quantities(model, programs, procedures)
+    about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
     return SourceModule(
         name=ascii_name(statement.name).lower(),
-        statement=_text(model, events),
+        statement=(*statement_lines(statement, events), *wrapped(about, COMMENT_WIDTH)),
         state=state,
         parameters=names.parameters,
         names=names,
@@ -282,12 +280,6 @@ GRADIENT = "; gradient_c_a: the derivative of the constraint c by the coordinate
 PREPARE = "Write the parameters into p, then the values that depend on parameters alone."
 
 
-def _text(model: Model, events: Sequence[Event]) -> tuple[str, ...]:
-    """Return lines of text for an exported file: the system, and the meaning of the names of intermediate values."""
-    about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
-    return (*statement_lines(model.statement, events), *wrapped(about, COMMENT_WIDTH))
-
-
 def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
     statement = model.statement
     stated: dict[str, list[Any]] = {
@@ -328,17 +320,6 @@ def _integrator(
     return ExportedIntegrator(identifier, about, prune(procedure), control is not None)
 
 
-def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
-    """Return the Taylor integrator; `begin` is the index of its first number among the prepared numbers.
-
-    `projection` moves the state onto the constraints, or is None. Raises StatementError for a system with switching
-    surfaces.
-    """
-    least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
-    relations = bool(model.equations.first_order)
-    return TaylorProcedures(model.series()[0].program, begin, least, projection, relations=relations)
-
-
 ABOUT = {
     "rhs": "The right-hand side of y' = f(t, y).",
     "accelerations": "The accelerations.",
@@ -348,6 +329,7 @@ ABOUT = {
     "energies": "The kinetic energy T and the potential energy V, as stated.",
     "momenta": "The conjugate momenta dL/dv.",
     "projection": "Corrections onto the constraints.",
+    "divisors": "The entries of the matrix that are divided by.",
     "local": "The derivatives of a local state about a start, then the state that it is: coordinates and velocities.",
     "positions": "The named points, coordinate by coordinate.",
     "multipliers": "The multipliers of the constraints.",
@@ -355,45 +337,41 @@ ABOUT = {
 }
 
 
-def _quantity(model: Model, name: str, program: Program, procedure: Procedure) -> ExportedQuantity:
-    results, unit = _results(name, model, program), _unit(name, model)
-    return ExportedQuantity(name, ABOUT[name], program, procedure, results, program.shape, unit)
-
-
-def _unit(name: str, model: Model) -> str:
-    """Return the unit of the results of a quantity, or "" if it is not stated or not the same for all."""
-    if name in ("energy", "energies"):
-        return energy_unit(model.statement)
-    return length_unit(model.statement) if name == "positions" else ""
+def _quantities(
+    model: Model, programs: Mapping[str, Program], procedures: Mapping[str, Procedure]
+) -> tuple[ExportedQuantity, ...]:
+    unit = {
+        **dict.fromkeys(("energy", "energies"), energy_unit(model.statement)),
+        "positions": length_unit(model.statement),
+    }
+    return tuple(
+        ExportedQuantity(
+            *(name, ABOUT[name], program, procedures[name], _results(name, model, program), program.shape),
+            unit=unit.get(name, ""),
+        )
+        for name, program in programs.items()
+    )
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
     """Return the names of the numbers that a quantity returns, in order."""
-    names = model.statement.names
-    rates = [*(f"{each}_dot" for each in names), *(f"{each}_ddot" for each in names)]
-    state = [*names, *(f"{each}_dot" for each in names)]
-    match name:
-        case "rhs":
-            return tuple(rates)
-        case "accelerations":
-            return tuple(rates[len(names) :])
-        case "jacobian":
-            return tuple(f"d{rate}/d{entry}" for rate in rates for entry in state)
-        case "mass_matrix":
-            return tuple(f"M[{a},{b}]" for a in names for b in names)
-        case "momenta":
-            return tuple(f"p_{each}" for each in names)
-        case "multipliers":
-            return tuple(f"lambda_{each}" for each in model.equations.stated.names)
-        case "energy":
-            return ("energy",)
-        case "energies":
-            return ("kinetic", "potential")
-        case "positions":
-            points = model.statement.drawn.items()
-            return tuple(f"{each}_{axis}" for each, entries in points for axis in "xyz"[: len(entries)])
-        case _:
-            return tuple(f"event{k}" for k in range(len(program.outputs)))
+    names, points = model.statement.names, model.statement.drawn.items()
+    velocities, accelerations = ([f"{each}{suffix}" for each in names] for suffix in ("_dot", "_ddot"))
+    rates = [*velocities, *accelerations]
+    return tuple(
+        {
+            "rhs": rates,
+            "accelerations": accelerations,
+            "jacobian": [f"d{rate}/d{entry}" for rate in rates for entry in (*names, *velocities)],
+            "mass_matrix": [f"M[{a},{b}]" for a in names for b in names],
+            "momenta": [f"p_{each}" for each in names],
+            "multipliers": [f"lambda_{each}" for each in model.equations.stated.names],
+            "energy": ["energy"],
+            "energies": ["kinetic", "potential"],
+            "positions": [f"{each}_{axis}" for each, entries in points for axis in "xyz"[: len(entries)]],
+            "events": [f"event{k}" for k in range(len(program.outputs))],
+        }[name]
+    )
 
 
 def _run(model: Model, parameters: FloatArray) -> ExportedRun:

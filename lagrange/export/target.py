@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import ClassVar
 
 from lagrange.errors import StatementError, listing
+from lagrange.export.identifiers import distinct
 from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table
@@ -35,6 +36,9 @@ class Target(ABC):
       control.
     - `always` are contents that every file has because its format needs them.
     - `inexpressible` are the operations without a function in the language.
+    - `shell` are the shell lines that build and run a program, with the fields {name} of the module's file and
+      {program}, which is "test" or "main".
+    - `reserved_files` are words that must not be the name of the module's file.
 
     A target without "steps" and "runs" leaves "main" to the program that reads the file. Register a class with
     `register`.
@@ -45,19 +49,24 @@ class Target(ABC):
     contents: ClassVar[frozenset[str]] = frozenset(("steps", "main"))
     always: ClassVar[tuple[str, ...]] = ()
     inexpressible: ClassVar[frozenset[str]] = frozenset()
+    shell: ClassVar[tuple[str, ...]] = ()
+    reserved_files: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def files(self, module: SourceModule) -> Mapping[str, str | bytes]:
         """Return the contents of each file, by its name."""
 
-    @abstractmethod
+    def file_name(self, module: SourceModule) -> str:
+        """Return the name of the module's file without its suffix."""
+        return distinct([module.name], self.reserved_files)[0]
+
     def commands(self, module: SourceModule) -> list[str]:
         """Return shell lines that build and run the self-test in the folder of the files; they fail if it fails."""
+        return [line.format(name=self.file_name(module), program="test") for line in self.shell]
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return shell lines that build and run `main`, which prints a table; empty if the target has no `main`."""
-        del module
-        return []
+        return [line.format(name=self.file_name(module), program="main") for line in self.shell]
 
 
 REGISTERED: dict[str, Target] = {}
@@ -76,9 +85,9 @@ def target_names() -> list[str]:
     return list(dict.fromkeys((*TARGETS, *REGISTERED)))
 
 
-def every_target() -> dict[str, Target]:
-    """Return all targets by name, after loading their modules."""
-    return {name: target_of(name) for name in target_names()}
+def able_targets(able: Callable[[Target], bool]) -> str:
+    """Return the names of the targets for which `able` returns True, as text."""
+    return listing(name for name in target_names() if able(target_of(name)))
 
 
 def register(target: type[Target]) -> type[Target]:
@@ -113,7 +122,7 @@ class TargetTable(dict[str, str]):
 
 def targets() -> TargetTable:
     """Return a dict from the name of each target of `System.export` to a line about it."""
-    return TargetTable({name: target.about for name, target in every_target().items()})
+    return TargetTable({name: target_of(name).about for name in target_names()})
 
 
 def find(name: str) -> Target:
@@ -135,8 +144,7 @@ def check_operations(target: Target, module: SourceModule) -> None:
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, op = missing
-        able = [name for name, other in every_target().items() if op not in other.inexpressible]
         raise StatementError(
             f"{quantity} of {module.name} contains {op}, which target {target.name!r} has no function for: "
-            f"{listing(able)} have one."
+            f"{able_targets(lambda other: op not in other.inexpressible)} have one."
         )

@@ -218,15 +218,16 @@ class TracedTarget(Target):
 
     library: ClassVar[Library]
     contents = frozenset()
+    shell = ("python {name}_{program}.py",)
+
+    def file_name(self, module: SourceModule) -> str:
+        """Return the name of the module's file without its suffix: it ends in the name of the library."""
+        return f"{module.name}_{self.name}"
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module and its test, by file name."""
-        name, library = f"{module.name}_{self.name}", self.library
+        name, library = self.file_name(module), self.library
         return {f"{name}.py": library.module(module), f"{name}_test.py": test_text(module, library.script, file=name)}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"python {module.name}_{self.name}_test.py"]
 
 
 def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str, str]) -> Language:

@@ -39,7 +39,7 @@ from lagrange.members.keep import (
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
 from lagrange.members.origin import MEMBER, check_names, start_name
 from lagrange.members.singly import Explained
-from lagrange.members.storage import ResultStorage, kept_in_memory
+from lagrange.members.storage import kept_in_memory
 from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import ExecutorRunner, Runner, ThreadRunner, run_members, threads_of
@@ -260,8 +260,14 @@ class Ensemble:
                 "to_xarray() needs xarray, which is not installed: pip install xarray, or in a checkout "
                 "pip install '.[data]'."
             ) from error
-        axes = {self._start_name(name): values for name, values in self.table.varied.axes.items()}
-        labels = {self._start_name(label): label for label in self.table.labels}
+        axes = {
+            (name if self.problem.t_eval is None else start_name(name, self.names)): values
+            for name, values in self.table.varied.axes.items()
+        }
+        labels = {
+            (label if self.problem.t_eval is None else start_name(label, self.names)): label
+            for label in self.table.labels
+        }
         shape, dims = self.table.varied.shape, tuple(axes)
         data: dict[str, Any] = {}
         for column in self.columns:
@@ -273,13 +279,6 @@ class Ensemble:
             coordinates[OUTPUT_TIME] = (OUTPUT_TIME, self.problem.t_eval)
         attributes = {"system": self.model.statement.name, "method": self.method, "form": self.form}
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
-
-    def _start_name(self, label: str) -> str:
-        """Return the name of the varied quantity `label` in a Dataset.
-
-        With t_eval the initial values of a coordinate have the suffix _start.
-        """
-        return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
@@ -458,20 +457,15 @@ def _run(
     storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
     try:
         if storage.left:
-            _run_left(job, table, storage, threads, executor, progress=progress)
+            with compiling(job.problem.model.statement.name, wanted=bool(progress)):
+                runner: Runner = (
+                    ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
+                )
+            before = len(table) - storage.members_left
+            with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
+                run_members(table, storage.left, runner, storage.reporting(report, before))
     finally:
         storage.close()
     wall = time.perf_counter() - began
     explain = partial(job.explained, table)
     return Ensemble(table, storage.results, job.columns, aimed, method.name, storage.form, storage.ran, wall, explain)
-
-
-def _run_left(
-    job: Job, table: MemberTable, storage: ResultStorage, threads: int, executor: Any, *, progress: bool | str
-) -> None:
-    """Run the remaining members, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
-    with compiling(job.problem.model.statement.name, wanted=bool(progress)):
-        runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
-    before = len(table) - storage.members_left
-    with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
-        run_members(table, storage.left, runner, storage.reporting(report, before))

@@ -14,7 +14,7 @@ def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str
     """Return an aligned table, with numbers at the right, and a line under the headings if there are any."""
     cells = [[*map(str, row)] for row in rows]
     widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
-    right = _numeric(rows, len(headings))
+    right = [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(len(headings))]
     lines = [_line(line, widths, right) for line in ([*headings], *cells)]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
 
@@ -22,11 +22,6 @@ def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str
 def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
     padded = zip(cells, widths, right, strict=True)
     return "  ".join(cell.rjust(width) if flush else cell.ljust(width) for cell, width, flush in padded).rstrip()
-
-
-def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
-    """Return for each column True if it holds only numbers."""
-    return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
 
 
 def duration(seconds: float) -> str:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import count
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, count
 from xml.sax.saxutils import quoteattr
 
 from lagrange.export.descriptions import OUTCOMES, generator, run_of
 from lagrange.export.identifiers import continued
 from lagrange.export.languages.c import numbers, statement_comment
 from lagrange.export.languages.c_printer import LITERALS
-from lagrange.export.module import SourceModule
-
-HIDDEN = ("jacobian",)
-"""Quantities without variables: they serve directional derivatives only."""
+from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
@@ -40,11 +37,10 @@ class ScalarVariable:
 
 def places(module: SourceModule) -> dict[str, int]:
     """Return for each quantity the reference number of its first result, the quantities in order with rhs first."""
-    references, reference = {}, 1 + len(module.state) + len(module.parameters)
-    for quantity in module.quantities:
-        references[quantity.name] = reference
-        reference += len(quantity.results)
-    return references
+    sizes = [len(quantity.results) for quantity in module.quantities]
+    first = 1 + len(module.state) + len(module.parameters)
+    references = accumulate(sizes, initial=first)
+    return {quantity.name: reference for quantity, reference in zip(module.quantities, references, strict=False)}
 
 
 def variables(module: SourceModule) -> list[ScalarVariable]:
@@ -52,27 +48,26 @@ def variables(module: SourceModule) -> list[ScalarVariable]:
 
     Names are those of the statement; a name that is taken gets a number as suffix.
     """
-    named = _namer()
-    exported_run = run_of(module)
-    assert exported_run is not None  # an FMU always has a run
-    initial = exported_run[0].initial
-    half, first = len(module.state) // 2, []
-    for k, name in enumerate(module.state):
+    taken = {"time"}
+    unique = []
+    for variable in _variables(module):
+        tries = (variable.name if k == 1 else f"{variable.name}_{k}" for k in count(1))
+        name = next(attempt for attempt in tries if attempt not in taken)
+        taken.add(name)
+        unique.append(replace(variable, name=name))
+    return unique
+
+
+def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
+    """Yield the variables; several may have the same name. The results of `rhs` are the derivatives of the state."""
+    run, _ = _run_of(module)
+    half = len(module.state) // 2
+    for k, (name, value) in enumerate(zip(module.state, run.initial, strict=True)):
         about = f"velocity of {module.state[k - half]}" if k >= half else "coordinate"
-        first.append(ScalarVariable(named(name), 1 + k, STATE, about, module.units.get(name, ""), initial[k]))
-    for k, name in enumerate(module.parameters, 1 + len(module.state)):
-        value = module.values[k - 1 - len(module.state)]
-        kind = INPUT if name in module.inputs else PARAMETER
-        about = "input: may change at any time" if kind == INPUT else "parameter"
-        first.append(ScalarVariable(named(name), k, kind, about, module.units.get(name, ""), value))
-    return [*first, *_results(module, named)]
-
-
-def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[ScalarVariable]:
-    """Yield the variables for the results of each quantity; the results of `rhs` are the derivatives of the state.
-
-    `named` makes a name unique.
-    """
+        yield ScalarVariable(name, 1 + k, STATE, about, module.units.get(name, ""), value)
+    for k, (name, value) in enumerate(zip(module.parameters, module.values, strict=True), 1 + len(module.state)):
+        kind, about = (INPUT, "input: may change at any time") if name in module.inputs else (PARAMETER, "parameter")
+        yield ScalarVariable(name, k, kind, about, module.units.get(name, ""), value)
     first = places(module)
     for quantity in module.quantities:
         for k, name in enumerate(quantity.results):
@@ -80,12 +75,16 @@ def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Scal
             if quantity.name == "rhs":
                 state = module.state[k]
                 about = f"time derivative of {state}"
-                yield ScalarVariable(
-                    named(f"der({state})"), reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k
-                )
-            elif quantity.name not in HIDDEN:
+                yield ScalarVariable(f"der({state})", reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k)
+            elif quantity.name != "jacobian":  # it serves directional derivatives only
                 kind = INDICATOR if quantity.name == "events" else RESULT
-                yield ScalarVariable(named(name), reference, kind, quantity.about, quantity.unit)
+                yield ScalarVariable(name, reference, kind, quantity.about, quantity.unit)
+
+
+def _run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
+    run = run_of(module)
+    assert run is not None  # an FMU always has a run
+    return run
 
 
 def _rate_unit(module: SourceModule, k: int) -> str:
@@ -97,30 +96,13 @@ def _rate_unit(module: SourceModule, k: int) -> str:
     return f"{unit}/{time}2" if unit and time.isalpha() else ""
 
 
-def _namer() -> Callable[[str], str]:
-    """Return a function that makes names unique by a number as suffix."""
-    used = {"time": None}
-
-    def named(name: str) -> str:
-        tries = (name if k == 1 else f"{name}_{k}" for k in count(1))
-        free = next(attempt for attempt in tries if attempt not in used)
-        used[free] = None
-        return free
-
-    return named
-
-
 CAUSALITY = {
     STATE: ("output", "continuous", "exact"),
     PARAMETER: ("parameter", "tunable", "exact"),
     INPUT: ("input", "continuous", None),
-    DERIVATIVE: ("local", "continuous", "calculated"),
-    RESULT: ("local", "continuous", "calculated"),
-    INDICATOR: ("local", "continuous", "calculated"),
+    **dict.fromkeys((DERIVATIVE, RESULT, INDICATOR), ("local", "continuous", "calculated")),
 }
 """Causality, variability and initial of each kind of variable. Parameters may be changed between steps."""
-
-TITLE = '<?xml version="1.0" encoding="UTF-8"?>'
 
 
 def number(value: float) -> str:
@@ -130,149 +112,134 @@ def number(value: float) -> str:
     return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
 
 
-def element(name: str, attributes: Mapping[str, object], inside: Sequence[str] = ()) -> Iterator[str]:
-    """Yield the lines of an XML element; attributes that are None or empty are left out."""
-    written = "".join(
-        f" {key}={quoteattr(str(value))}" for key, value in attributes.items() if value is not None and value != ""
-    )
-    if not inside:
-        yield f"<{name}{written}/>"
-        return
-    yield f"<{name}{written}>"
-    yield from (f"  {line}" for line in inside)
-    yield f"</{name}>"
+def element(name: str, attributes: Mapping[str, object], inside: Iterable[str] = ()) -> list[str]:
+    """Return the lines of an XML element; attributes that are None or empty are left out."""
+    written = "".join(f" {key}={quoteattr(str(value))}" for key, value in attributes.items() if value not in (None, ""))
+    lines = [f"  {line}" for line in inside]
+    return [f"<{name}{written}>", *lines, f"</{name}>"] if lines else [f"<{name}{written}/>"]
 
 
-def text_of(lines: Sequence[str]) -> str:
+def elements(name: str, rows: Iterable[Mapping[str, object]]) -> list[str]:
+    """Return the lines of several XML elements of the same name, from the attributes of each."""
+    return [line for attributes in rows for line in element(name, attributes)]
+
+
+def document(lines: Sequence[str]) -> str:
     """Return an XML document in ASCII: other characters as numeric references."""
-    return "\n".join([TITLE, *lines, ""]).encode("ascii", "xmlcharrefreplace").decode("ascii")
+    text = "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *lines, ""])
+    return text.encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
-def _head(module: SourceModule, fmi: str, token: tuple[str, str]) -> dict[str, object]:
-    about = next((line for line in module.statement[1:] if line), "")
-    return {
-        "fmiVersion": fmi,
+def _description(
+    module: SourceModule,
+    version: str,
+    token: tuple[str, str],
+    interfaces: Sequence[str],
+    parts: Sequence[str],
+    events: int | None = None,
+) -> str:
+    """Return the text of modelDescription.xml for a version of FMI.
+
+    `token` is the attribute that identifies the model, by its name, and `events` the number of event indicators.
+    `interfaces` are the elements for model exchange and co-simulation, and `parts` the variables and the structure.
+    """
+    run, _ = _run_of(module)
+    units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
+    definitions = elements("Unit", ({"name": unit} for unit in units))
+    categories = elements("Category", ({"name": name} for name in ("logStatusDiscard", "logStatusError")))
+    experiment = {
+        "startTime": "0.0",
+        "stopTime": number(run.t_end),
+        "tolerance": number(run.rtol),
+        "stepSize": number(run.t_end / run.intervals),
+    }
+    attributes = {
+        "fmiVersion": version,
         "modelName": module.name,
         token[0]: token[1],
-        "description": about,
+        "description": next((line for line in module.statement[1:] if line), ""),
         "generationTool": generator(),
         "variableNamingConvention": "flat",
+        "numberOfEventIndicators": events,
     }
-
-
-def _common(module: SourceModule, found: Sequence[ScalarVariable]) -> Iterator[str]:
-    """Yield the elements that both FMI versions share: units, log categories, the default experiment."""
-    units = sorted({*(category.unit for category in found), module.units.get("t", "")} - {""})
-    if units:
-        yield from element(
-            "UnitDefinitions", {}, [line for category in units for line in element("Unit", {"name": category})]
-        )
-    categories = [
-        line for category in ("logStatusDiscard", "logStatusError") for line in element("Category", {"name": category})
+    inside = [
+        *interfaces,
+        *(element("UnitDefinitions", {}, definitions) if units else []),
+        *element("LogCategories", {}, categories),
+        *element("DefaultExperiment", experiment),
+        *parts,
     ]
-    yield from element("LogCategories", {}, categories)
-    asked = run_of(module)
-    assert asked is not None  # an FMU always has a run
-    run = asked[0]
-    yield from element(
-        "DefaultExperiment",
-        {
-            "startTime": "0.0",
-            "stopTime": number(run.t_end),
-            "tolerance": number(run.rtol),
-            "stepSize": number(run.t_end / run.intervals),
-        },
-    )
+    return document(element("fmiModelDescription", attributes, inside))
 
 
-def _attributes(one: ScalarVariable) -> dict[str, object]:
-    causality, variability, initial = CAUSALITY[one.kind]
+def _attributes(variable: ScalarVariable) -> dict[str, object]:
+    causality, variability, initial = CAUSALITY[variable.kind]
     return {
-        "name": one.name,
-        "valueReference": one.reference,
-        "description": one.about,
+        "name": variable.name,
+        "valueReference": variable.reference,
+        "description": variable.about,
         "causality": causality,
         "variability": variability,
         "initial": initial,
     }
 
 
-def _derivatives(module: SourceModule) -> str:
-    """Return "true" if the FMU has directional derivatives, else "false".
+def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
+    """Return the attributes of a real number: its unit, its initial value, and `of`, the state that it derives."""
+    start = None if variable.start is None else number(variable.start)
+    return {"unit": variable.unit, "start": start, "derivative": of if variable.kind == DERIVATIVE else None}
 
-    Directional derivatives need a Jacobian. The exported one has derivatives by the state alone, so an FMU with inputs
-    has no directional derivatives.
+
+def _interfaces(module: SourceModule, state: str, derivatives: str, sources: Sequence[str] = ()) -> list[str]:
+    """Return the elements for model exchange and co-simulation.
+
+    `state` and `derivatives` are the spellings of two attributes, which differ between versions. Directional
+    derivatives need a Jacobian. The exported one has derivatives by the state alone, so an FMU with inputs has no
+    directional derivatives.
     """
-    return "true" if module.quantity("jacobian") and not module.inputs else "false"
+    can = {
+        "modelIdentifier": module.name,
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
+        derivatives: "true" if module.quantity("jacobian") and not module.inputs else "false",
+    }
+    simulation = {**can, "canHandleVariableCommunicationStepSize": "true"}
+    return [*element("ModelExchange", can, sources), *element("CoSimulation", simulation, sources)]
 
 
-def _start(one: ScalarVariable) -> str | None:
-    return None if one.start is None else number(one.start)
+def _source_names(module: SourceModule) -> list[dict[str, object]]:
+    return [{"name": name} for name in ("fmi-functions.c", f"{module.name}.c")]
 
 
 def fmi2_description(module: SourceModule, token: str) -> str:
     """Return the text of modelDescription.xml for FMI 2.0; `token` identifies the model."""
     found = variables(module)
     index = {variable.reference: k for k, variable in enumerate(found, 1)}
-    files = [
-        line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("File", {"name": name})
-    ]  # fmt: skip
-    can = {
-        "modelIdentifier": module.name,
-        "canGetAndSetFMUstate": "true",
-        "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": _derivatives(module),
-    }
-    sources = list(element("SourceFiles", {}, files))
     scalars: list[str] = []
     for variable in found:
-        of = index[variable.of] if variable.kind == DERIVATIVE else None
-        real = list(element("Real", {"unit": variable.unit, "start": _start(variable), "derivative": of}))
+        real = element("Real", _real(variable, index.get(variable.of, 0)))
         scalars += element("ScalarVariable", _attributes(variable), real)
-    unknowns = [
-        list(element("Unknown", {"index": index[variable.reference]}))
-        for variable in found
-        if variable.kind == DERIVATIVE
-    ]
-    outputs = [
-        list(
-            element("Unknown", {"index": k, "dependencies": k, "dependenciesKind": "constant"})
-        )
-        for k in (index[variable.reference] for variable in found if variable.kind == STATE)
-    ]  # fmt: skip
+    rates = [{"index": index[variable.reference]} for variable in found if variable.kind == DERIVATIVE]
+    states = [index[variable.reference] for variable in found if variable.kind == STATE]
+    outputs = ({"index": k, "dependencies": k, "dependenciesKind": "constant"} for k in states)
     structure = [
-        *element("Outputs", {}, [line for variable in outputs for line in variable]),
-        *element("Derivatives", {}, [line for variable in unknowns for line in variable]),
-        *element("InitialUnknowns", {}, [line for variable in unknowns for line in variable]),
+        *element("Outputs", {}, elements("Unknown", outputs)),
+        *element("Derivatives", {}, elements("Unknown", rates)),
+        *element("InitialUnknowns", {}, elements("Unknown", rates)),
     ]
+    parts = [*element("ModelVariables", {}, scalars), *element("ModelStructure", {}, structure)]
+    sources = element("SourceFiles", {}, elements("File", _source_names(module)))
     events = sum(variable.kind == INDICATOR for variable in found)
-    inside = [
-        *element("ModelExchange", can, sources),
-        *element("CoSimulation", {**can, "canHandleVariableCommunicationStepSize": "true"}, sources),
-        *_common(module, found),
-        *element("ModelVariables", {}, scalars),
-        *element("ModelStructure", {}, structure),
-    ]
-    head = {**_head(module, "2.0", ("guid", token)), "numberOfEventIndicators": events}
-    return text_of(list(element("fmiModelDescription", head, inside)))
+    interfaces = _interfaces(module, "FMUstate", "providesDirectionalDerivative", sources)
+    return _description(module, "2.0", ("guid", token), interfaces, parts, events)
 
 
 def fmi3_description(module: SourceModule, token: str) -> str:
     """Return the text of modelDescription.xml for FMI 3.0; `token` identifies the model."""
-    scalars = variables(module)
-    can = {
-        "modelIdentifier": module.name,
-        "canGetAndSetFMUState": "true",
-        "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": _derivatives(module),
-    }
+    found = variables(module)
     time = {"name": "time", "valueReference": 0, "causality": "independent", "variability": "continuous"}
-    reals = [*element("Float64", {**time, "unit": module.units.get("t", "")})]
-    for variable in scalars:
-        of = variable.of if variable.kind == DERIVATIVE else None
-        reals += element(
-            "Float64", {**_attributes(variable), "unit": variable.unit, "start": _start(variable), "derivative": of}
-        )
+    rows = [time | {"unit": module.units.get("t", "")}]
+    rows += [_attributes(variable) | _real(variable, variable.of) for variable in found]
     structure: list[str] = []
     for tag, kind in (
         ("Output", STATE),
@@ -280,36 +247,29 @@ def fmi3_description(module: SourceModule, token: str) -> str:
         ("InitialUnknown", DERIVATIVE),
         ("EventIndicator", INDICATOR),
     ):
-        for variable in scalars:
-            if variable.kind == kind:
-                dependencies = (
-                    {"dependencies": variable.reference, "dependenciesKind": "constant"} if tag == "Output" else {}
-                )
-                structure += element(tag, {"valueReference": variable.reference, **dependencies})
-    inside = [
-        *element("ModelExchange", can),
-        *element("CoSimulation", {**can, "canHandleVariableCommunicationStepSize": "true"}),
-        *_common(module, scalars),
-        *element("ModelVariables", {}, reals),
+        references = [variable.reference for variable in found if variable.kind == kind]
+        constant = {"dependenciesKind": "constant"} if tag == "Output" else {}
+        for k in references:
+            structure += element(tag, {"valueReference": k, "dependencies": k if constant else None} | constant)
+    parts = [
+        *element("ModelVariables", {}, elements("Float64", rows)),
         *element("ModelStructure", {}, structure),
     ]
-    head = _head(module, "3.0", ("instantiationToken", token))
-    return text_of(list(element("fmiModelDescription", head, inside)))
+    interfaces = _interfaces(module, "FMUState", "providesDirectionalDerivatives")
+    return _description(module, "3.0", ("instantiationToken", token), interfaces, parts)
 
 
 def build_description(module: SourceModule) -> str:
     """Return the text of sources/buildDescription.xml for FMI 3.0: how the sources are compiled."""
-    files = [line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("SourceFile", {"name": name})]
-    inside = [*element("SourceFileSet", {"language": "C99"}, files), *element("Library", {"name": "m"})]
-    configuration = list(element("BuildConfiguration", {"modelIdentifier": module.name}, inside))
-    return text_of(list(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration)))
+    files = element("SourceFileSet", {"language": "C99"}, elements("SourceFile", _source_names(module)))
+    inside = [*files, *element("Library", {"name": "m"})]
+    configuration = element("BuildConfiguration", {"modelIdentifier": module.name}, inside)
+    return document(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration))
 
 
 def model_header(module: SourceModule, token: str, version: int) -> str:
     """Return the C header of an FMU: the major `version` of FMI, `token`, sizes, functions and the initial state."""
-    asked = run_of(module)
-    assert asked is not None  # an FMU always has a run
-    run, integrator = asked
+    run, integrator = _run_of(module)
     name, first = module.name, places(module)
     quantities = [quantity.name for quantity in module.quantities]
     events = module.quantity("events")

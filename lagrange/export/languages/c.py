@@ -20,29 +20,11 @@ class C(Target):
     name = "c"
     about = "C99: a source file and its header, no dependencies, no allocation, re-entrant"
     contents = frozenset(("steps", "main", "taylor"))
+    shell = ("cc -std=c99 -O2 -o {name}_{program} {name}.c {name}_{program}.c -lm", "./{name}_{program}")
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the header, the source file, and the programs for the test and for `main`, by file name."""
         return {f"{module.name}.h": header(module), f"{module.name}.c": source(module), **programs(module)}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell lines that compile and run the test."""
-        return compiled(module, "test")
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return the shell lines that compile and run `main`."""
-        return compiled(module, "main")
-
-
-def compiled(module: SourceModule, program: str, folder: str = "") -> list[str]:
-    """Return shell lines that compile and run the program "test" or "main"; its sources are in `folder`."""
-    name = f"{module.name}_{program}"
-    return [f"cc -std=c99 -O2 -o {name} {folder}{module.name}.c {folder}{name}.c -lm", f"./{name}"]
-
-
-def names_of(procedure: Procedure) -> list[str]:
-    """Return the names of the parameters of a public function."""
-    return [parameter.name for parameter in procedure.parameters]
 
 
 def numbers(values: Sequence[float]) -> str:
@@ -82,7 +64,8 @@ def header(module: SourceModule) -> str:
         "",
     ]
     for procedure in module.public:
-        *head, last = c_names.signature(procedure, names_of(procedure), qualified=False)
+        names = [parameter.name for parameter in procedure.parameters]
+        *head, last = c_names.signature(procedure, names, qualified=False)
         lines += [*comment(about_of(module, procedure)), *head, f"{last};", ""]
     return "\n".join([*lines, "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from lagrange.errors import LagrangeError
 from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description, model_header
-from lagrange.export.languages.c import compiled, header, programs, source
+from lagrange.export.languages.c import header, programs, source
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
 
@@ -38,24 +38,16 @@ class Fmu(Target):
     about = "FMUs of FMI 2.0 and 3.0: model exchange and co-simulation, C sources inside, a library for this platform"
     contents = frozenset(("runs", "main"))
     always = ("rhs", "main")
+    shell = (
+        "python3 -m zipfile -e {name}_fmi3.fmu {name}_fmi3",
+        "cc -std=c99 -O2 -o {name}_{program} {name}_fmi3/sources/{name}.c {name}_fmi3/sources/{name}_{program}.c -lm",
+        "./{name}_{program}",
+    )
+    """Shell lines that unpack the FMU of FMI 3.0, and compile and run a program of its sources."""
 
     def files(self, module: SourceModule) -> Mapping[str, bytes]:
         """Return the FMU for each version of FMI, by file name."""
         return {f"{module.name}_fmi{major}.fmu": archive(contents(module, major)) for major in (2, 3)}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that unpack the FMU of FMI 3.0, and compile and run the test of its sources."""
-        return _commands(module, "test")
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that compile and run `main` of the sources in the FMU."""
-        return _commands(module, "main")
-
-
-def _commands(module: SourceModule, program: str) -> list[str]:
-    """Return shell lines that compile and run a program in the sources of the FMU of FMI 3.0."""
-    unpacked = f"{module.name}_fmi3"
-    return [f"python3 -m zipfile -e {unpacked}.fmu {unpacked}", *compiled(module, program, f"{unpacked}/sources/")]
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:

@@ -321,14 +321,10 @@ class Fortran(Target):
     name = "fortran"
     about = "Fortran 2008: a module of pure subroutines in one source file, no dependencies, quantities only"
     contents = frozenset()
+    shell = ("gfortran -std=f2008 -O2 -o {name}_{program} {name}.f90 {name}_{program}.f90", "./{name}_{program}")
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the source file and the file of its test, by name."""
         calls = "\n".join(f"  call test_{check.name}()" for check in module.checks)
         test = test_text(module, TEST, fortran=module_name(module), calls=calls)
         return {f"{module.name}.f90": source(module), f"{module.name}_test.f90": test}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell lines that compile and run the test."""
-        name = f"{module.name}_test"
-        return [f"gfortran -std=f2008 -O2 -o {name} {module.name}.f90 {name}.f90", f"./{name}"]

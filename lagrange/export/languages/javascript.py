@@ -20,7 +20,6 @@ from lagrange.export.identifiers import commented, continued
 from lagrange.export.languages.javascript_printer import (
     LITERALS,
     File,
-    Shifted,
     function,
     helper_lines,
     shifted_parameters,
@@ -28,7 +27,6 @@ from lagrange.export.languages.javascript_printer import (
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
-from lagrange.procedure.form import Procedure
 
 
 @register
@@ -38,6 +36,7 @@ class JavaScript(Target):
     name = "javascript"
     about = "JavaScript: one ES module for browsers and node, no dependencies, calls that allocate nothing"
     inexpressible = frozenset(("erf",))
+    shell = ("node {name}_{program}.mjs",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module, and the programs for the test and for the run of the initial state, by file name."""
@@ -47,14 +46,6 @@ class JavaScript(Target):
             texts[f"{module.name}_main.mjs"] = "\n".join([*(part for line in text for part in continued(line)), ""])
         return texts
 
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"node {module.name}_test.mjs"]
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs `main`."""
-        return [f"node {module.name}_main.mjs"]
-
 
 def source(module: SourceModule) -> str:
     """Return the text of the JavaScript module.
@@ -63,8 +54,13 @@ def source(module: SourceModule) -> str:
     which would take 3% of their time.
     """
     quantities = [quantity.procedure for quantity in module.quantities]
+    # Users may pass an offset for y and out of each quantity.
+    names = {quantity: [parameter.name for parameter in quantity.parameters] for quantity in quantities}
+    shifted = {
+        quantity: frozenset((names[quantity].index("y"), names[quantity].index("out"))) for quantity in quantities
+    }
     file = File(
-        shifted_parameters(module.procedures, _places_given(module)),
+        shifted_parameters(module.procedures, shifted),
         module.public,
         [quantity.name for quantity in module.procedures],
         {quantity: lengths(module, quantity) for quantity in module.public if quantity not in quantities},
@@ -78,7 +74,9 @@ def source(module: SourceModule) -> str:
         *CHECK_LENGTH.splitlines(),
         "",
         *helper_lines(file.needed),
-        *(["// Local arrays and records: calls make none.", *_memory(file), ""] if file.memory else []),
+        *(["// Local arrays and records: calls make none."] if file.memory else []),
+        *(line for declaration in file.memory.values() for line in continued(declaration)),
+        *([""] if file.memory else []),
         *functions,
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
@@ -91,20 +89,6 @@ function check_length(name, array, least) {
     }
 }
 """
-
-
-def _memory(file: File) -> Iterator[str]:
-    for declaration in file.memory.values():
-        yield from continued(declaration)
-
-
-def _places_given(module: SourceModule) -> Shifted:
-    """Return the array arguments for which users may pass an offset: y and out of each quantity, by their indices."""
-    shifted = {}
-    for quantity in module.quantities:
-        names = [parameter.name for parameter in quantity.procedure.parameters]
-        shifted[quantity.procedure] = frozenset((names.index("y"), names.index("out")))
-    return shifted
 
 
 def constants(module: SourceModule) -> Iterator[str]:
@@ -130,11 +114,8 @@ def constants(module: SourceModule) -> Iterator[str]:
         codes = (f"    {name}: {code}, // {text}" for name, code, text in outcome_codes())
         yield from ("export const OUTCOMES = Object.freeze({", *codes, "});")
     for procedure in module.public:
-        yield from commented(f"{_call(procedure)}: {about_of(module, procedure)}", "//")
-
-
-def _call(procedure: Procedure) -> str:
-    return f"{procedure.name}({', '.join(parameter.name for parameter in procedure.parameters)})"
+        arguments = ", ".join(parameter.name for parameter in procedure.parameters)
+        yield from commented(f"{procedure.name}({arguments}): {about_of(module, procedure)}", "//")
 
 
 # --- the programs

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 from lagrange.export.identifiers import commented
@@ -196,6 +195,7 @@ class _JavaScriptPrinter(BracedPrinter):
     def __init__(self, procedure: Procedure, file: File) -> None:
         self.file = file
         self.offsets: list[str] = []
+        self.places: dict[int, Place] = {}
         super().__init__(procedure, file.needed, (*RESERVED, *map(results_name, procedure.callees)))
 
     def head(self) -> list[str]:
@@ -212,7 +212,7 @@ class _JavaScriptPrinter(BracedPrinter):
         for k, parameter in enumerate(self.procedure.parameters):
             if k in self.file.shifted[self.procedure]:
                 self.offsets.append(self.name(-1 - parameter.ref, f"{parameter.name}_at"))
-                self.begins(parameter.ref, Place(parameter.ref, (self.offsets[-1],)))
+                self.places[parameter.ref] = Place(parameter.ref, (self.offsets[-1],))
 
     def operation(self, let: Let) -> tuple[int, str]:
         if let.op in ("real", "whole"):
@@ -229,8 +229,11 @@ class _JavaScriptPrinter(BracedPrinter):
         return f"let {name} = {text};"
 
     def element(self, array: int, place: int) -> str:
-        whole, index = self.index(array, place)
-        return f"{self.text(whole)}[{index}]"
+        begin, terms = self.place_of(array), ()
+        if place not in self.constants:
+            terms = (self.text(place, self.operators["add"].binds),)
+        index = summed((*begin.names, *terms), begin.number + self.constants.get(place, 0))
+        return f"{self.text(begin.array)}[{index}]"
 
     def reserve(self, ref: int, array: Array) -> None:
         name = self.memory_name(ref)
@@ -254,8 +257,9 @@ class _JavaScriptPrinter(BracedPrinter):
     def call(self, call: Call) -> None:
         callee = call.callee
         assert isinstance(callee, Procedure)
-        args = [self.text(self.place_of(arg).array) for arg in call.args]
-        args += [self.beginning(arg)[1] or "0" for k, arg in enumerate(call.args) if k in self.file.shifted[callee]]
+        places = [self.place_of(arg) for arg in call.args]
+        args = [self.text(place.array) for place in places]
+        args += [summed(place.names, place.number) for k, place in enumerate(places) if k in self.file.shifted[callee]]
         called = f"{callee.name}({', '.join(args)})"
         kinds = results_of(self, call)
         if len(kinds) != 1 or call.refs[0] not in self.uses:
@@ -278,51 +282,22 @@ class _JavaScriptPrinter(BracedPrinter):
             self.write(f"{name}.r{k} = {self.text(value)};")
         self.put("return;")
 
-    @cached_property
-    def _parts(self) -> dict[int, Place]:
-        return {}
-
     def part(self, part: Part) -> None:
         """Record the whole array and the offset of a subarray; an offset that is not constant becomes a variable."""
         whole = self.place_of(part.array)
         if part.start in self.constants:
-            self._parts[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
+            self.places[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
             return
         text = self.text(part.start)
         self.write(self.define(self.name(part.ref), WHOLE, text))
-        self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
-
-    def begins(self, array: int, place: Place) -> None:
-        """Record where the subarray `array` begins: its whole array, and its offset there."""
-        self._parts[array] = place
+        self.places[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
     def place_of(self, array: int) -> Place:
         """Return the whole array of a subarray and its offset there; a whole array is returned with the offset 0."""
-        return self._parts.get(array, Place(array))
-
-    def index(self, array: int, place: int) -> tuple[int, str]:
-        """Return the whole array of element `place` of an array or subarray, and the text of its index there."""
-        begin = self.place_of(array)
-        number = begin.number + 0
-        if place in self.constants:
-            text, number = "", number + self.constants[place]
-        else:
-            text = self.whole_text(self.text(place, self.operators["add"].binds))
-        return begin.array, summed([*begin.names, *([text] if text else [])], number)
-
-    def beginning(self, array: int) -> tuple[int, str | None]:
-        """Return the whole array of a subarray, and the text of its offset, or None for the offset 0."""
-        begin = self.place_of(array)
-        if not begin.names and not begin.number:
-            return begin.array, None
-        return begin.array, summed(begin.names, begin.number + 0)
-
-    def whole_text(self, text: str) -> str:
-        """Return the text of an index, in a form to which other indices can be added."""
-        return text
+        return self.places.get(array, Place(array))
 
 
-def summed(terms: list[str] | tuple[str, ...], number: int) -> str:
+def summed(terms: tuple[str, ...], number: int) -> str:
     """Return the text of a sum of terms and a number. A number at the end of the last term is added to it."""
     if not terms:
         return str(number)

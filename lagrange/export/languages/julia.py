@@ -208,15 +208,12 @@ class Julia(Target):
     about = "Julia: a module of functions f!(out, t, y, p), no packages, quantities only"
     contents = frozenset()
     inexpressible = frozenset(("erf",))
+    shell = ("julia {name}_{program}.jl",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the file of the module and the file of its test, by name."""
         test = test_text(module, TEST, module_name=module_name(module))
         return {f"{module.name}.jl": source(module), f"{module.name}_test.jl": test}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"julia {module.name}_test.jl"]
 
 
 def module_name(module: SourceModule) -> str:

@@ -161,21 +161,16 @@ def remark(about: str) -> list[str]:
     return commented(about, "//", MODELICA_WIDTH + 3)
 
 
-def package(module: SourceModule) -> str:
-    """Return the name of the Modelica package."""
-    return distinct([module.name], RESERVED)[0]
-
-
-def text(module: SourceModule) -> Iterator[str]:
-    """Yield the lines of the Modelica package."""
+def text(module: SourceModule, package: str) -> Iterator[str]:
+    """Yield the lines of the Modelica package, whose name is `package`."""
     yield from statement_comment(module, "//")
     yield ""
-    yield f"package {package(module)}"
+    yield f"package {package}"
     yield ""
     functions = PrintedFunctions(module, LANGUAGE, statuses=False)
     for line in (*function_lines(functions), "", *motion(module, functions.hoisted.size)):
         yield f"  {line}".rstrip()
-    yield f"end {package(module)};"
+    yield f"end {package};"
 
 
 def function_lines(functions: PrintedFunctions) -> Iterator[str]:
@@ -334,10 +329,11 @@ class Modelica(Target):
     about = "Modelica: a package with functions and a model of the motion, without a library"
     contents = frozenset(("main",))
     always = ("rhs", "main")
+    reserved_files = RESERVED
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the package, the package of its test, and a script with which OpenModelica runs the test."""
-        name = package(module)
+        name = self.file_name(module)
         fields = {
             "package": name,
             "size": len(module.parameters),
@@ -346,14 +342,14 @@ class Modelica(Target):
             "calls": " +\n          ".join(f"test_{check.name}()" for check in module.checks),
         }
         return {
-            f"{name}.mo": "\n".join([*text(module), ""]),
+            f"{name}.mo": "\n".join([*text(module, name), ""]),
             f"{name}_test.mo": test_text(module, TEST, **fields),
             f"{name}_test.mos": SCRIPT.format(name=name),
         }
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
-        return [f"omc {package(module)}_test.mos"]
+        return [f"omc {self.file_name(module)}_test.mos"]
 
 
 SCRIPT = """\

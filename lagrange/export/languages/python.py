@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import keyword
+import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
 from lagrange.errors import LagrangeError
 from lagrange.export.descriptions import (
@@ -17,7 +17,7 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.identifiers import ascii_name, commented, distinct
+from lagrange.export.identifiers import ascii_name, commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
@@ -84,23 +84,10 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 """Helper functions that other helpers call."""
 
 _RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test main y p out t h parameters "
-RESERVED = (
-    *keyword.kwlist,
-    *_RESERVED.split(),
-)
+RESERVED = (*keyword.kwlist, *_RESERVED.split())
 """Words that must not be names of values."""
 
-_FILES = (
-    "abc array ast asyncio base64 bisect bz2 calendar code codecs collections contextlib copy csv ctypes "
-    "dataclasses datetime decimal enum fractions functools gc gzip hashlib heapq inspect io itertools json "
-    "keyword locale logging math numbers numpy operator os pathlib pickle platform posixpath queue random re "
-    "secrets select shutil signal site socket stat statistics string struct subprocess symbol sys tempfile "
-    "test textwrap threading time token tokenize traceback types typing unittest uuid warnings weakref zlib "
-)
-FILES = (
-    *keyword.kwlist,
-    *_FILES.split(),
-)
+FILES = (*keyword.kwlist, *sys.stdlib_module_names, "numpy")
 """Words that must not be the module's name: keywords, and modules that NumPy imports, which it would find in its
 place."""
 
@@ -118,41 +105,26 @@ class Python(Target):
 
     name = "python"
     about = "Python: one module that needs NumPy only"
+    shell = ("python {name}_{program}.py",)
+    reserved_files = FILES
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module, and the programs for the test and for the run of the initial state, by file name."""
-        name = file_name(module)
+        name = self.file_name(module)
         texts = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
         if module.run is not None:
             texts[f"{name}_main.py"] = main_text(module, SCRIPT, file=name, head=ascii(columns(module)))
         return texts
 
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"python {file_name(module)}_test.py"]
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs `main`."""
-        return [f"python {file_name(module)}_main.py"]
-
-
-def file_name(module: SourceModule) -> str:
-    """Return the name of the module, with a suffix if it is a keyword or the name of a module that NumPy imports."""
-    return distinct([module.name], FILES)[0]
-
-
-@dataclass(frozen=True)
-class _File:
-    """State shared by the functions of one file; `needed` collects the operations whose definitions the file needs."""
-
-    needed: dict[str, None] = field(default_factory=dict)
-
 
 class _ExportPrinter(Printer):
-    """Prints one procedure as a Python function whose name begins with an underscore; its arrays are memory views."""
+    """Prints one procedure as a Python function whose name begins with an underscore; its arrays are memory views.
 
-    def __init__(self, procedure: Procedure, file: _File) -> None:
-        self.file = file
+    `needed` collects the operations whose definitions the file needs.
+    """
+
+    def __init__(self, procedure: Procedure, needed: dict[str, None]) -> None:
+        self.needed = needed
         super().__init__(procedure, RESERVED)
 
     def function_name(self, procedure: Procedure) -> str:
@@ -164,7 +136,7 @@ class _ExportPrinter(Printer):
     def function_of(self, op: str) -> str:
         if op not in HELPERS:
             raise LagrangeError(f"Python has no function for {op}.")
-        self.file.needed[op] = None
+        self.needed[op] = None
         return f"_{op}"
 
     def reserve(self, ref: int, array: Array) -> None:
@@ -177,8 +149,8 @@ class _ExportPrinter(Printer):
 
 def source(module: SourceModule) -> str:
     """Return the text of the Python module."""
-    file = _File()
-    functions = [_ExportPrinter(procedure, file).function() for procedure in module.procedures]
+    needed: dict[str, None] = {}
+    functions = [_ExportPrinter(procedure, needed).function() for procedure in module.procedures]
     lines = [
         *statement_comment(module, "#"),
         "",
@@ -196,7 +168,7 @@ def source(module: SourceModule) -> str:
         *ACCESS.splitlines(),
         "",
         "",
-        *helper_lines(file.needed),
+        *helper_lines(needed),
         *(line for text in functions for line in [*text.splitlines(), "", ""]),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"

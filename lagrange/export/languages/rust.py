@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment, statuses
-from lagrange.export.identifiers import commented, continued, distinct
+from lagrange.export.identifiers import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
@@ -262,18 +262,11 @@ class Rust(Target):
     about = "Rust (edition 2021): one file, no crates, no unsafe code, quantities only"
     contents = frozenset()
     inexpressible = frozenset(("erf",))
+    shell = ("rustc --edition 2021 -O -o {name}_{program} {name}_{program}.rs", "./{name}_{program}")
+    reserved_files = (*RESERVED, "alloc", "lib", "proc_macro")
+    """Keywords, and names of Rust's own crates."""
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the source file and the file of its test, by name."""
-        name = file_name(module)
+        name = self.file_name(module)
         return {f"{name}.rs": source(module), f"{name}_test.rs": test_text(module, TEST, file=name)}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell lines that compile and run the test."""
-        name = file_name(module)
-        return [f"rustc --edition 2021 -O -o {name}_test {name}_test.rs", f"./{name}_test"]
-
-
-def file_name(module: SourceModule) -> str:
-    """Return the name of the module, with a suffix if it is a keyword or the name of one of Rust's own crates."""
-    return distinct([module.name], (*RESERVED, "alloc", "lib", "proc_macro"))[0]

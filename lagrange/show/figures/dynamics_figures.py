@@ -192,7 +192,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
     stated = (section.axes[0] if x is None else x, "x"), (section.axes[1] if y is None else y, "y")
     columns = [row_of(statement, given, what) for given, what in stated]
     figure, axis = panel_on(ax, look, (7.0, 6.0))
-    size = _diameter(len(section.points))
+    size = float(np.clip(LARGEST_POINT * (100 / max(len(section.points), 1)) ** 0.25, SMALLEST_POINT, LARGEST_POINT))
     for states, colour in zip(section.states, colours(len(section.states), look.colours), strict=True):
         axis.plot(*_wrapped(statement, states, columns), ".", color=colour, markersize=size, markeredgewidth=0.0)
     if (names[columns[0]], names[columns[1]]) == section.axes:
@@ -202,10 +202,6 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
     _label(axis, statement, columns, section.points)
     say_below(figure, ax, look, "" if section.status.complete else section.message)
     return figure
-
-
-def _diameter(count: int) -> float:
-    return float(np.clip(LARGEST_POINT * (100 / max(count, 1)) ** 0.25, SMALLEST_POINT, LARGEST_POINT))
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:

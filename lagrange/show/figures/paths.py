@@ -345,7 +345,10 @@ class PathPanel:
             _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
         self._frame(axis, runs, bounds - origin)
         if not self.view.spatial:
-            self._name(axis, origin, unit)
+            right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
+            axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
+            # The title above a narrow column fits only within this distance.
+            axis.set_ylabel(up if self.shape != "row" else "", labelpad=2.0 if self.shape == "column" else 6.0)
         counted = _counted(origin) if self.view.spatial else ""
         notes = dict.fromkeys(run.note for run in runs)
         title = "\n".join(filter(None, (_title(runs[0], self.shape), counted, *notes)))
@@ -395,13 +398,6 @@ class PathPanel:
         if not self.view.spatial and self.shape != "column":
             axis.apply_aspect()
             few_ticks(axis)
-
-    def _name(self, axis: Axes, origin: FloatArray, unit: str) -> None:
-        """Label the two directions, each with the number that was subtracted from its coordinates, and the unit."""
-        right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
-        axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
-        # The title above a narrow column fits only within this distance.
-        axis.set_ylabel(up if self.shape != "row" else "", labelpad=2.0 if self.shape == "column" else 6.0)
 
 
 def _title(paths: Paths, shape: str) -> str:

@@ -24,7 +24,6 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 
@@ -348,17 +347,12 @@ class _Left:
         named = {len(axes) - 1, *(k * self.down - 1 for k in (1, 2) if self.down)}
         for k, axis in enumerate(axes):
             if k not in named:
-                _inner(axis)
+                axis.tick_params(labelbottom=False)
+                axis.set_xlabel("")
             if k:
                 axis.sharex(axes[0])
         for k, row in enumerate(self.rows):
             row.draw(figure.add_subplot(grid[self.down + len(self.wide) + k, :]), pixels, style)
-
-
-def _inner(axis: Axes) -> None:
-    """Remove the labels of the time axis, because the panel below has them."""
-    axis.tick_params(labelbottom=False)
-    axis.set_xlabel("")
 
 
 def _title(solutions: Sequence[Solution]) -> str:

@@ -60,10 +60,11 @@ def view_of(points: Mapping[str, FloatArray]) -> View:
     dimension = max(len(point) for point in points.values())
     full = [np.vstack([point, np.zeros((dimension - len(point), point.shape[1]))]) for point in points.values()]
     together = np.concatenate(full, axis=1)
-    extents = _extents(together)
+    good = together[:, np.isfinite(together).all(axis=0)]
+    extents = np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(together))
     still = extents <= _STILL * max(float(extents.max()), 1e-300)
     if dimension == 2 or still.any():
-        kept = np.array([0, 1]) if dimension == 2 else _kept(extents)
+        kept = np.array([0, 1]) if dimension == 2 else np.sort(np.argsort(-extents, kind="stable")[:2])
         right, up = (not still[k] for k in kept)
         return View(np.eye(dimension)[kept], ("xyz"[kept[0]], "xyz"[kept[1]]), None, (bool(right), bool(up)))
     return from_side(AZIMUTH, ELEVATION)
@@ -76,17 +77,6 @@ def from_side(azimuth: float, elevation: float) -> View:
     up = (-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     return View(np.array([across, up]), ("", ""), towards)
-
-
-def _kept(extents: FloatArray) -> FloatArray:
-    """Return the indices of the two axes of space along which points extend most, in rising order."""
-    return np.sort(np.argsort(-extents, kind="stable")[:2])
-
-
-def _extents(points: FloatArray) -> FloatArray:
-    """Return the extents of the finite points (d, K) along each axis, (d,)."""
-    good = points[:, np.isfinite(points).all(axis=0)]
-    return np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(points))
 
 
 SPRING_TURNS = 8

@@ -195,16 +195,11 @@ def number_labels(values: Sequence[float]) -> list[str]:
     power = floor(log10(size) + 1e-9)
     if _SMALLEST < power < _LARGEST:
         return [_decimal(value, digits) for value in values]
-    return [_decimal(value / 10.0**power, digits + power) + (_ten(power) if value else "") for value in values]
-
-
-def ten_to(power: int) -> str:
-    """Return a power of ten as a text, such as 10⁻⁹."""
-    return "10" + str(power).translate(_RAISED)
-
-
-def _ten(power: int) -> str:
-    return "·" + ten_to(power)
+    return [
+        _decimal(value / 10.0**power, digits + power)
+        + (("·" + ("10" + str(power).translate(_RAISED))) if value else "")
+        for value in values
+    ]
 
 
 def _digits(gap: float) -> int:
