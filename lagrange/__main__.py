@@ -12,8 +12,7 @@ PROGRAM = "lagrange.cli.program"
 """Module of the command line, imported after the signal handlers are installed."""
 
 try:
-    from lagrange.cli.interruption import SENTENCE, Interruption
-    from lagrange.cli.streams import complain
+    from lagrange.cli.interruption import SENTENCE, Interruption, complain
 except KeyboardInterrupt:
     sys.exit(130)  # Ctrl-C in the milliseconds before it is handled
 

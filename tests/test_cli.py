@@ -158,6 +158,12 @@ TOO_FEW = "is not a number of output times. Give 2 or more, below 100 million."
         *((["--points", text], f"--points: {text!r} {TOO_FEW}") for text in ("1", "1e3")),
         (["--out", ""], "--out: the name of the folder is empty. Give one, such as --out out, or . for this one."),
         (["--set", "M=1"], "'M' is not a parameter of this system; its parameters are m and g."),
+        (["--set", "y=1"], "--set y=1: y is a coordinate or velocity: write --initial y=1."),
+        (["--initial", "m=1"], "--initial m=1: m is a parameter: write --set m=1."),
+        (
+            ["--out", "run.png"],
+            "--out run.png: this command writes several files into a folder: name a folder, such as",
+        ),
         (["--initial", "z=1"], "initial names 'z', which is not a coordinate or velocity of this system; they are y "),
         (["--method", "dop835"], "Did you mean 'dop853'?"),
     ],
@@ -271,7 +277,9 @@ def test_a_check_that_fails_says_1(
 
 def test_scenes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
-    text = capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 100
+    text = " ".join(" ".join(lines).split())
     assert main(["scenes", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [entry["name"] for entry in found] == lg.scenes()

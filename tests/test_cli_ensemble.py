@@ -105,9 +105,15 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         (["--vary", "theta=0:1:20000", "--vary", "l=1:2:20000"], "--vary gives 4e+08 members, which run for"),
         (["--vary", "theta=0:1:3", "--keep", "ende"], "Did you mean 'end'?"),
         (["--vary", "theta=0:1:3", "--keep", "max:thet"], "these are theta and theta_dot. Did you mean 'theta'?"),
-        (["--vary", "theta=0:1:3", "--out", "a.foo"], "--out a.foo: name a picture, .png, .svg or .pdf, a table, .csv"),
+        (
+            ["--vary", "theta=0:1:3", "--out", "a.foo"],
+            "--out a.foo: give a name that ends in .png, .svg or .pdf for a picture, in .csv",
+        ),
         (["--vary", "theta=0:1:3", "--out", "a.nc"], "A netCDF file is made in Python, by runs.to_xarray()"),
-        (["--vary", "theta=0:1:3", "--out", "runs"], "or a folder for any number of members, .zarr."),
+        (
+            ["--vary", "theta=0:1:3", "--out", "runs"],
+            "or in .zarr for a folder with the results of any number of members.",
+        ),
         (["--vary", "theta=0:1:3", "--out", "no/a.csv"], "there is no folder"),
         (["--vary", "theta=0:1:3", "--workers", "1.5"], "workers = 1.5: give a whole number from 1 to 1024."),
         (["--vary", "theta=0:1:3", "--what", "theta"], "--what says what a picture shows, and none is written"),

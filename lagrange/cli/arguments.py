@@ -64,7 +64,9 @@ class CommandParser(argparse.ArgumentParser):
         if match := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             return suggestion(match[1], re.findall(r"[\w-]+", match[2]))
         if match := re.search(r"unrecognized arguments: (--[^\s=]+)", message):
-            return suggestion(match[1], self._option_string_actions)
+            known = self._option_string_actions
+            other = {"--start": "--initial", "--parameter": "--set", "--output": "--out"}.get(match[1])
+            return f" Did you mean {other!r}?" if other in known else suggestion(match[1], known)
         return ""
 
 
@@ -121,17 +123,26 @@ def start(request: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def load_scene(scene: str) -> System:
-    """Return the system of a scene, given as a file or as a name in the scene library."""
+def load_scene(request: argparse.Namespace) -> System:
+    """Return the system of a scene, given as a file or as a name in the scene library.
+
+    Raises StatementError if --set gives the value of a coordinate or velocity, or --initial that of a parameter.
+    """
+    scene: str = request.scene
     # A library name has no suffix and no separator; everything else is taken as the path of a file.
-    if (
-        scene.endswith(".toml")
-        or "/" in scene
-        or os.sep in scene
-        or (len(os.fsencode(scene)) < 255 and Path(scene).is_file())
+    short = len(os.fsencode(scene)) < 255
+    named = scene.endswith(".toml") or "/" in scene or os.sep in scene or (short and Path(scene).is_file())
+    system = lg.System.from_scene(scene) if named else lg.scene(scene)
+    state, parameters = system.statement.state_names, [symbol.name for symbol in system.statement.parameters]
+    for option, names, kind, other in (
+        ("set", state, "a coordinate or velocity", "initial"),
+        ("initial", parameters, "a parameter", "set"),
     ):
-        return lg.System.from_scene(scene)
-    return lg.scene(scene)
+        for text in getattr(request, option, ()):
+            name = text.partition("=")[0].strip()
+            if name in names:
+                raise StatementError(f"--{option} {text[:80]}: {name} is {kind}: write --{other} {text[:80]}.")
+    return system
 
 
 def folder(name: str) -> Path:
@@ -142,6 +153,10 @@ def folder(name: str) -> Path:
     if not name:
         raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
     path = Path(name)
+    if path.suffix.lower() in (*PICTURES, ".csv", ".json") and not path.is_dir():
+        raise StatementError(
+            f"--out {name}: this command writes several files into a folder: name a folder, such as --out {path.stem}."
+        )
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

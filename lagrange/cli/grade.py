@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import codecs
 import re
-import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,9 +25,6 @@ LARGEST_FILE = 1_000_000
 
 LONGEST_SHOWN = 250
 """Longest name of a file in a message, in characters."""
-
-NARROWEST = 30
-"""Smallest width of the findings in the printed table, in characters."""
 
 COLUMNS = ("student", "verdict", "finding", "reading")
 """Columns of the table of a folder of answers."""
@@ -62,7 +57,7 @@ def grade(request: argparse.Namespace) -> Answer:
         if not _is_folder(request.file):
             raise StatementError("--out: a table is written for a folder of answers only.")
         check_place(Path(request.out))
-    system = load_scene(request.scene)
+    system = load_scene(request)
     if _is_folder(request.file):
         return _grade_folder(system, Path(request.file), request.out, progress=not request.json)
     row = _graded(system, Path(request.file))
@@ -85,7 +80,7 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
 
     A file that cannot be read does not stop the others.
     """
-    files = list(_answers(folder))
+    files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir()]
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
     stems = Counter(path.stem for path in files)
@@ -97,7 +92,8 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
                 report(count)
     cells = [[str(row[column]) for column in COLUMNS] for row in rows]
     verdicts = Counter(row["verdict"] for row in rows)
-    right, table = verdicts["right"], text_table(COLUMNS[:3], [*_wrapped(cells)])
+    right = verdicts["right"]
+    table = text_table(COLUMNS[:3], [row[:3] for row in cells], columns=columns_of_output())
     summary = f"{right} of {len(rows)} are right, {verdicts['wrong']} wrong, and {verdicts[UNREADABLE]} cannot be read."
     if any(path.is_dir() for path in folder.iterdir()):
         summary += " Folders inside are left out: put one file for each student in the folder itself."
@@ -105,20 +101,6 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
         write_atomically(out, lambda file: write_rows(file, COLUMNS, list(zip(*cells, strict=True))))
         summary += f" Written to {out}."
     return Answer(DONE if right == len(rows) else FAILED, f"{table}\n\n{summary}", {"answers": rows})
-
-
-def _wrapped(cells: Sequence[Sequence[str]]) -> Iterator[tuple[str, str, str]]:
-    """Yield the rows (student, verdict, finding) of the printed table; a long finding continues on the next rows."""
-    width = columns_of_output() - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:2])
-    for student, verdict, finding, _ in cells:
-        first, *more = textwrap.wrap(finding, max(width, NARROWEST)) or [""]
-        yield student, verdict, first
-        yield from (("", "", line) for line in more)
-
-
-def _answers(folder: Path) -> Iterator[Path]:
-    """Yield the paths of the files in a folder, sorted by name, without hidden files."""
-    yield from (path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir())
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:

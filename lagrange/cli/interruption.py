@@ -9,11 +9,56 @@ Few modules are imported here: until the handlers are installed, Ctrl-C prints a
 from __future__ import annotations
 
 import _thread
+import errno
+import os
 import signal
 import sys
 import time
+from contextlib import suppress
 
-from lagrange.cli.streams import occupy_standard_streams
+UNWRITTEN, UNREAD = 1, 141
+"""Exit codes: the output cannot be written; broken pipe, 128 + the number of SIGPIPE."""
+
+
+def output(text: str, code: int) -> int:
+    """Print to standard output and return the exit code, which is not 0 if the text could not be written.
+
+    A broken pipe is not reported.
+    """
+    try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "standard output is closed")
+        print(text, flush=True)
+    except BrokenPipeError:
+        _silence()
+        return code or UNREAD
+    except OSError as error:
+        _silence()
+        complain(f"the output cannot be written ({error.strerror}).")
+        return code or UNWRITTEN
+    return code
+
+
+def complain(message: str) -> None:
+    """Print an error message to standard error, if it is open."""
+    if sys.stderr is not None:
+        with suppress(OSError):
+            print(f"lagrange: {message}", file=sys.stderr, flush=True)
+
+
+def occupy_standard_streams() -> None:
+    """Open the null device on closed standard streams, so that no other file gets their descriptors."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        continue
+    os.close(descriptor)
+
+
+def _silence() -> None:
+    """Discard all further standard output, including what Python flushes at exit."""
+    if sys.stdout is not None:
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
 
 TYPE_CHECKING = False
 
@@ -22,6 +67,8 @@ if TYPE_CHECKING:
     from typing import Any
 
 SENTENCE = "interrupted; no file was left half written."
+
+SIGNALS = [number for number in signal.Signals if number.name in ("SIGINT", "SIGTERM", "SIGHUP")]
 
 INTERVAL = 0.01
 """Seconds after which a signal that could not be raised is sent again."""
@@ -55,7 +102,7 @@ class Interruption:
 
     def listen(self) -> None:
         """Handle the signals from now on, except signals that were ignored at the start of the program."""
-        for number in self._numbers():
+        for number in SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self.handle)
         sys.unraisablehook = self._lost
@@ -66,7 +113,7 @@ class Interruption:
 
         The interpreter handles signals that arrive in its last milliseconds.
         """
-        for number in self._numbers():
+        for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
@@ -76,11 +123,6 @@ class Interruption:
             self._come_again()
         else:
             raise Signalled(self.number)
-
-    @staticmethod
-    def _numbers() -> list[signal.Signals]:
-        names = signal.Signals.__members__
-        return [names[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in names]
 
     def _come_again(self) -> None:
         """Send the signal again after `INTERVAL` seconds.

@@ -30,14 +30,13 @@ from lagrange.cli.arguments import (
     load_scene,
 )
 from lagrange.cli.grade import add_grade
-from lagrange.cli.interruption import SENTENCE, Signalled
+from lagrange.cli.interruption import SENTENCE, Signalled, complain, output
 from lagrange.cli.running import add_ensemble, add_race, add_run
-from lagrange.cli.streams import complain, output
 from lagrange.cli.writing import add_export, add_page, add_pictures
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.symbols import plain_text
-from lagrange.show.terminal import ABOVE, DETAILS, FORMATS, fitted, text_table
+from lagrange.show.terminal import ABOVE, DETAILS, FORMATS, columns_of_output, fitted, text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
 from lagrange.statement.scene.toml_document import Document
 
@@ -112,16 +111,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print(_answer(request), as_json=as_json)
     except KeyboardInterrupt as interrupt:
         code = interrupt.code if isinstance(interrupt, Signalled) else INTERRUPTED
-        return _print(_refusal(code, SENTENCE), as_json=as_json)
+        return _print(Answer(code, SENTENCE, {"error": SENTENCE, "exit_code": code}), as_json=as_json)
 
 
 def _answer(request: argparse.Namespace) -> Answer:
     try:
         answer: Answer = request.command(request)
     except StatementError as error:
-        return _refusal(WRONG, str(error))
+        message = str(error)
+        return Answer(WRONG, message, {"error": message, "exit_code": WRONG})
     except LagrangeError as error:
-        return _refusal(FAILED, str(error))
+        message = str(error)
+        return Answer(FAILED, message, {"error": message, "exit_code": FAILED})
     return answer
 
 
@@ -157,7 +158,11 @@ def parser() -> argparse.ArgumentParser:
     add_export(commands)
     add_ensemble(commands)
     add_page(commands)
-    add_scenes(commands)
+    scenes_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
+    scenes_.add_argument(
+        "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
+    )
+    add_json(scenes_)
     new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
     new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
@@ -166,14 +171,14 @@ def parser() -> argparse.ArgumentParser:
 
 def derive(request: argparse.Namespace) -> Answer:
     """Return the derivation of a scene's equations of motion."""
-    derivation = load_scene(request.scene).derivation(request.detail)
+    derivation = load_scene(request).derivation(request.detail)
     above = {field: getattr(request, field) for field in ABOVE}
     return Answer(DONE, derivation.written(request.format, **above).rstrip("\n"))
 
 
 def check(request: argparse.Namespace) -> Answer:
     """Check a scene's compiled equations and return the report."""
-    report = load_scene(request.scene).check()
+    report = load_scene(request).check()
     return Answer(DONE if report else FAILED, str(report), report.to_dict())
 
 
@@ -191,10 +196,6 @@ def new(request: argparse.Namespace) -> Answer:
     return Answer(DONE, f"{path} is a pendulum for now: change it, then  lagrange run {path}")
 
 
-def _refusal(code: int, message: str) -> Answer:
-    return Answer(code, message, {"error": message, "exit_code": code})
-
-
 def _print(answer: Answer, *, as_json: bool) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -210,22 +211,13 @@ def _print(answer: Answer, *, as_json: bool) -> int:
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
-def add_scenes(commands: Any) -> None:
-    """Add the command `scenes` to the command line."""
-    scenes_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
-    scenes_.add_argument(
-        "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
-    )
-    add_json(scenes_)
-
-
 def scenes(request: argparse.Namespace) -> Answer:
     """List the scenes of the library. Only their files are read, and nothing is compiled."""
     found = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
     if request.long:
         return Answer(DONE, "\n\n".join(map(_paragraph, found)), found)
-    table = text_table(("scene", "what it shows"), [(scene["name"], plain_text(scene["about"])) for scene in found])
-    return Answer(DONE, table, found)
+    rows = [(scene["name"], plain_text(scene["about"])) for scene in found]
+    return Answer(DONE, text_table(("scene", "what it shows"), rows, columns=columns_of_output()), found)
 
 
 def _entry(path: Path, *, long: bool) -> dict[str, Any]:

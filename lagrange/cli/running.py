@@ -38,6 +38,7 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble
+    from lagrange.system import System
 
 
 def add_run(commands: Any) -> None:
@@ -57,26 +58,26 @@ def run(request: argparse.Namespace) -> Answer:
     """Run a scene, write the requested files, and return its status card."""
     begun, how = start(request), method(request)
     points = count("--points", request.points)
-    system = load_scene(request.scene)
+    system = load_scene(request)
     target = folder(request.out) if request.out is not None else None
-    t_end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
-    solution = system.run(
-        **begun,
-        **how,
-        t_eval=None if points is None else _times(t_end, points),
-        progress=not request.json,
-        check=not request.no_check,
-    )
-    files = solution.to_folder(target) if target is not None else []
-    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
-    data = {**solution.card(), "files": [str(path) for path in files]}
-    return Answer(code_of(solution), repr(solution) + written, data)
+    t_eval = _times(system, begun, points)
+    solution = system.run(**begun, **how, t_eval=t_eval, progress=not request.json, check=not request.no_check)
+    return _in_folder(code_of(solution), solution, solution.card(), target)
 
 
-def _times(t_end: float, points: int) -> Any:
+def _times(system: System, begun: dict[str, Any], points: int | None) -> Any:
+    """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`."""
     import numpy as np
 
-    return np.linspace(0.0, t_end, points)
+    end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
+    return None if points is None else np.linspace(0.0, end, points)
+
+
+def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None) -> Answer:
+    """Write a result into the folder `target`, if there is one, and return its text and data with the files."""
+    files = [] if target is None else result.to_folder(target)
+    written = "" if target is None else f"\nwritten to {target}: {listing(path.name for path in files)}"
+    return Answer(code, repr(result) + written, {**data, "files": [str(path) for path in files]})
 
 
 def add_race(commands: Any) -> None:
@@ -104,14 +105,11 @@ def race(request: argparse.Namespace) -> Answer:
         "max_wall": given_number("--max-wall", request.max_wall),
     }
     begun = start(request)
-    system = load_scene(request.scene)
+    system = load_scene(request)
     target = folder(request.out) if request.out is not None else None
     options = {key: value for key, value in settings.items() if value is not None}
     result = lg.race(system, **begun, relative=request.relative, **options)
-    files = result.to_folder(target) if target is not None else []
-    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
-    code = DONE if any(entry.complete for entry in result) else FAILED
-    return Answer(code, repr(result) + written, {**result.to_dict(), "files": [str(path) for path in files]})
+    return _in_folder(DONE if any(entry.complete for entry in result) else FAILED, result, result.to_dict(), target)
 
 
 TABLE, STORE = ".csv", ".zarr"
@@ -162,10 +160,16 @@ def ensemble(request: argparse.Namespace) -> Answer:
     axes, out = _axes(request.vary), _target(request)
     _check_members(axes, out)
     points = count("--points", request.points)
-    system = load_scene(request.scene)
-    varied = _varied(axes, {**begun["initial"], **begun["parameters"]})
+    system = load_scene(request)
+    held = {**begun["initial"], **begun["parameters"]}
+    if twice := next((name for name in axes if name in held), None):
+        raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
+    varied = lg.grid({**{name: [value] for name, value in held.items()}, **axes})
     kept = [text.strip() for text in request.keep.split(",")]
-    what = _drawn(request, out, axes, [*dict.fromkeys([*axes, *system.statement.state_names, *_columns(kept)])], points)
+    counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
+    results = [text for text in kept if text == "drift" or ":" in text]
+    known = dict.fromkeys([*axes, *system.statement.state_names, *results, "t_end", *counted])
+    what = _drawn(request, out, axes, [*known], points)
     workers: Any = None if request.workers is None else number("--workers", request.workers)
     end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
     runs = lg.ensemble(
@@ -173,7 +177,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
         end,
         varied,
         keep=[tuple(text.split(":", 1)) if ":" in text else text for text in kept],
-        t_eval=None if points is None else _times(end, points),
+        t_eval=_times(system, begun, points),
         workers=workers,
         store=out if out is not None and out.suffix.lower() == STORE else None,
         progress="lines" if request.progress else not request.json,
@@ -201,8 +205,8 @@ def _target(request: argparse.Namespace) -> Path | None:
     if ending not in (*PICTURES, TABLE, STORE):
         netcdf = " A netCDF file is made in Python, by runs.to_xarray().to_netcdf(path)." if ending == ".nc" else ""
         raise StatementError(
-            f"--out {request.out}: name a picture, .png, .svg or .pdf, a table, {TABLE}, or a folder "
-            f"for any number of members, {STORE}.{netcdf}"
+            f"--out {request.out}: give a name that ends in .png, .svg or .pdf for a picture, in {TABLE} for a table, "
+            f"or in {STORE} for a folder with the results of any number of members.{netcdf}"
         )
     if ending != STORE:
         check_place(out)
@@ -250,19 +254,6 @@ def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
             raise StatementError(f"--vary {name}: {places[:80]!r} is not a number of values. Write one such as 100.")
         axes[name] = low, high, int(places)
     return axes
-
-
-def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -> Any:
-    """Return the grid of all members: quantities in `axes` vary, and quantities in `held` have one value."""
-    if twice := next((name for name in axes if name in held), None):
-        raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
-    return lg.grid({**{name: [value] for name, value in held.items()}, **axes})
-
-
-def _columns(kept: list[str]) -> list[str]:
-    """Return the names of the results that can be drawn: kept quantities, t_end, and counts if `kept` has "counts"."""
-    counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
-    return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
 
 
 def _drawn(

@@ -51,7 +51,7 @@ def add_export(commands: Any) -> None:
 
 def export(request: argparse.Namespace) -> Answer:
     """Write the source files of a scene for a target, and print the commands of their self-test."""
-    system = load_scene(request.scene)
+    system = load_scene(request)
     contents = None if request.contents is None else [name.strip() for name in request.contents.split(",")]
     values: Any = assignments("--set", request.set)
     exported = system.export(request.target, request.out, contents, parameters=values or None)
@@ -89,7 +89,7 @@ def page(request: argparse.Namespace) -> Answer:
     """Write the web page of a scene."""
     values, initial = assignments("--set", request.set), assignments("--initial", request.initial)
     sliders = bounds("--slider", request.slider)
-    path = load_scene(request.scene).to_page(request.out, parameters=values, initial=initial, sliders=sliders)
+    path = load_scene(request).to_page(request.out, parameters=values, initial=initial, sliders=sliders)
     size = path.stat().st_size
     return Answer(
         DONE, f"wrote {path} ({size / 1000:.0f} kB): open it in a browser.", {"file": str(path), "bytes": size}
@@ -133,12 +133,14 @@ def plot(request: argparse.Namespace) -> Answer:
     if path.suffix.lower() not in PICTURES:
         raise StatementError(f"--out {request.out}: name a file that ends in .png, .svg or .pdf.")
     what = None if request.what is None else [name.strip() for name in request.what.split(",")]
-    solution = _solution(request)
+    begun, how = start(request), method(request)
+    solution = load_scene(request).run(**begun, **how, progress=not request.json)
     kind = path.suffix.lower()[1:]
     figure = solution.plot(what, style=request.style)
     written = write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
     said = f"{_remark(solution)}written to {written}"
-    return Answer(code_of(solution), said, {"file": str(written), **_how(solution)})
+    data = {"file": str(written), "status": solution.status.value, "message": solution.message}
+    return Answer(code_of(solution), said, data)
 
 
 def animate(request: argparse.Namespace) -> Answer:
@@ -146,7 +148,8 @@ def animate(request: argparse.Namespace) -> Answer:
     path = named_kind(_file(request, ".html"))
     options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
     fps, size = given_number("--fps", request.fps), _size(request.size)
-    solution = _solution(request)
+    begun, how = start(request), method(request)
+    solution = load_scene(request).run(**begun, **how, progress=not request.json)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the notes in the output say the same
         animation = solution.animate(
@@ -157,19 +160,16 @@ def animate(request: argparse.Namespace) -> Answer:
             progress=not request.json,
             **options,
         )
-    shown = {
+    data = {
+        "file": str(animation.path),
         "frames": len(animation.t),
         "seconds": animation.seconds,
         "speed": animation.speed,
         "notes": list(animation.notes),
+        "status": solution.status.value,
+        "message": solution.message,
     }
-    data = {"file": str(animation.path), **shown, **_how(solution)}
     return Answer(code_of(solution), _remark(solution) + repr(animation), data)
-
-
-def _solution(request: argparse.Namespace) -> lg.Solution:
-    begun, how = start(request), method(request)
-    return load_scene(request.scene).run(**begun, **how, progress=not request.json)
 
 
 def _file(request: argparse.Namespace, ending: str) -> Path:
@@ -194,7 +194,3 @@ def _size(text: str | None) -> tuple[int, int] | None:
 def _remark(solution: lg.Solution) -> str:
     """Return a line on a run that did not reach its end, or an empty text."""
     return "" if code_of(solution) == DONE else f"{solution.message}\n"
-
-
-def _how(solution: lg.Solution) -> dict[str, Any]:
-    return {"status": solution.status.value, "message": solution.message}
