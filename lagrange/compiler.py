@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from os import PathLike
-from typing import Any
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, with_needed_inputs
 from lagrange.equations.multiplier_forces import with_solved_multipliers
@@ -143,7 +142,8 @@ def machine(target: str) -> Machine:
     """
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     try:
-        result: Machine = _loaded(MACHINES[target])()
+        module, _, name = MACHINES[target].partition(":")
+        result: Machine = getattr(import_module(module), name)()
     except (ImportError, OSError) as error:  # OSError: a shared library of a package cannot be loaded
         raise MissingTargetError(
             f"target {target!r} cannot be loaded ({error}): repair or install the package that this names"
@@ -159,9 +159,3 @@ def load(path: str | PathLike[str]) -> Solution:
     and no code in it is run. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
     """
     return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))
-
-
-def _loaded(place: str) -> Any:
-    """Return an attribute of a module, from "module:name"."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 from lagrange.equations.regularity import equations_of, known_statement
 from lagrange.errors import StatementError, abridged, shown
 from lagrange.show.notation.sections import ShownQuantity
-from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
+from lagrange.show.notebook.shown_derivation import ShownDerivation, system_page, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
-from lagrange.show.notebook.system_page import system_page
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare

@@ -142,11 +142,12 @@ def _refuse(
     if "runs" in target.contents:
         _refuse_runs(target, methods)
     steps = bool(methods) and "runs" not in target.contents
-    for kind, requested in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
-        if requested and kind not in target.contents:
-            what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
-            able = able_targets(lambda other, kind=kind: kind in other.contents)
-            raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take {able}.")
+    requested = {"steps": steps, "main": MAIN in names, "taylor": TAYLOR in names}
+    lacking = [kind for kind, asked in requested.items() if asked and kind not in target.contents]
+    if lacking:
+        what = listing(methods) if lacking[0] == "steps" else lacking[0]
+        able = able_targets(lambda other: lacking[0] in other.contents)
+        raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take {able}.")
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:

@@ -226,8 +226,12 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
     for k, event in enumerate(events):
         yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
     yield ""
-    yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
-    yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
+    values = [_with_unit(statement, p.name, statement.defaults.get(p)) for p in statement.parameters]
+    for what, parts in (
+        ("coordinates", [_with_unit(statement, name) for name in statement.names]),
+        ("parameters", values),
+    ):
+        yield from wrapped(f"{what}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
     if inputs:
         yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", COMMENT_WIDTH)
 
@@ -264,16 +268,6 @@ def _formula(name: str, text: str) -> list[str]:
     return wrapped(f"{name} = {text}", COMMENT_WIDTH)
 
 
-def _listed(what: str, parts: Sequence[str]) -> list[str]:
-    return wrapped(f"{what}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
-
-
-def _with_unit(statement: Statement, name: str) -> str:
-    unit = unit_of(statement, name)
-    return f"{name} [{unit}]" if unit else name
-
-
-def _valued(statement: Statement, parameter: Any) -> str:
-    value, unit = statement.defaults.get(parameter), unit_of(statement, parameter.name)
-    written = "" if value is None else f" = {value!r}"
-    return f"{parameter.name}{written} [{unit}]" if unit else f"{parameter.name}{written}"
+def _with_unit(statement: Statement, name: str, value: float | None = None) -> str:
+    written, unit = "" if value is None else f" = {value!r}", unit_of(statement, name)
+    return f"{name}{written} [{unit}]" if unit else f"{name}{written}"

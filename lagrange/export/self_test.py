@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
+from typing import NamedTuple
 
 from lagrange.algorithm.outcome import Outcome
 from lagrange.errors import StatementError, listing
@@ -67,40 +68,32 @@ def check_of(name: str, program: Program, own: Evaluation, statement: Statement,
     good: list[_Case] = []
     others: list[_Case] = []
     for t, y in states:
-        case = _case(program, own, t, y, parameters)
-        if case is not None:
-            (good if case.relative else others).append(case)
+        if found := _case(program, own, t, y, parameters):
+            case, relative = found
+            (good if relative else others).append(case)
         if len(good) == STATES or len(others) == STATES:
             break
     chosen = [*good, *others][:STATES]
     if len(chosen) < STATES:
-        raise _no_states(name, program, states, statement, parameters)
-    return Check(
-        name,
-        tuple(case.t for case in chosen),
-        tuple(case.y for case in chosen),
-        tuple(case.results for case in chosen),
-        tuple(case.allowed for case in chosen),
-    )
+        missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
+        raise StatementError(missing + _no_states(program, states, statement, parameters))
+    return Check(name, *zip(*chosen, strict=True))
 
 
 def _no_states(
-    name: str,
     program: Program,
     states: Sequence[tuple[float, tuple[float, ...]]],
     statement: Statement,
     parameters: Sequence[float],
-) -> StatementError:
-    """Return the error for a quantity with too few test states, because of zero parameters or missing values."""
-    missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
-    other = [value or 1.0 for value in parameters]
-    if any(_exact(program, t, y, parameters) for t, y in states) or not any(
-        _exact(program, t, y, other) for t, y in states
-    ):
-        return StatementError(f"{missing}, which the self-test needs: state an initial state at which it has values.")
-    return StatementError(
-        f"{missing} with {_zeros(statement, parameters)}, which the self-test needs: give other values of parameters."
-    )
+) -> str:
+    """Return what to do for a quantity with too few test states, because of zero parameters or missing values."""
+
+    def some(values: Sequence[float]) -> bool:
+        return any(_exact(program, t, y, values) for t, y in states)
+
+    if some(parameters) or not some([value or 1.0 for value in parameters]):
+        return ", which the self-test needs: state an initial state at which it has values."
+    return f" with {_zeros(statement, parameters)}, which the self-test needs: give other values of parameters."
 
 
 def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
@@ -111,18 +104,13 @@ def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
     return listing(zeros) if zeros else "these parameters"
 
 
-class _Case:
-    """A test state with its results and allowed errors.
+class _Case(NamedTuple):
+    """A test state with its results and allowed errors."""
 
-    `relative` is true if doubles reproduce each result with a small error relative to that result.
-    """
-
-    def __init__(self, t: float, y: tuple[float, ...], results: tuple[float, ...], errors: Sequence[float]) -> None:
-        self.t, self.y, self.results = t, y, results
-        largest = max(map(abs, results), default=0.0)
-        sizes = [abs(result) for result in results]
-        self.relative = all(error <= WELL_CONDITIONED * size for error, size in zip(errors, sizes, strict=True))
-        self.allowed = tuple(TOLERANCE * (size if self.relative and size else largest) for size in sizes)
+    t: float
+    y: tuple[float, ...]
+    results: tuple[float, ...]
+    allowed: tuple[float, ...]
 
 
 def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
@@ -146,13 +134,21 @@ def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
 
 def _case(
     program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
-) -> _Case | None:
-    """Return a test state with its results, or None if these do not exist in multiple precision or in doubles."""
+) -> tuple[_Case, bool] | None:
+    """Return a test state, and True if doubles reproduce each result with a small error relative to that result.
+
+    Return None if the results do not exist in multiple precision or in doubles.
+    """
     computed = own(t, y)
     if computed is None or not all(map(math.isfinite, computed)):
         return None
     exact = _exact(program, t, y, parameters)
-    return None if exact is None else _Case(t, y, exact, [abs(a - b) for a, b in zip(exact, computed, strict=True)])
+    if exact is None:
+        return None
+    relative = all(abs(a - b) <= WELL_CONDITIONED * abs(a) for a, b in zip(exact, computed, strict=True))
+    largest = max(map(abs, exact), default=0.0)
+    allowed = tuple(TOLERANCE * (abs(a) if relative and a else largest) for a in exact)
+    return _Case(t, y, exact, allowed), relative
 
 
 def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:

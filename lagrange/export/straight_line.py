@@ -64,13 +64,10 @@ class Language(Statements):
     factored: tuple[str, str] = ("", "")
     solved: tuple[str, str] = ("", "")
 
-    def with_needs(self, ops: Iterable[str]) -> list[str]:
-        """Return the operations `ops` and the operations that their definitions use, in alphabetical order."""
-        return sorted({need for op in ops for need in (op, *self.needs.get(op, ()))})
-
     def definitions(self, ops: Iterable[str]) -> list[str]:
-        """Return the definitions that a file needs if its functions use the operations `ops`."""
-        return [self.helpers[op] for op in self.with_needs(ops) if op in self.helpers]
+        """Return the definitions that a file needs if its functions use the operations `ops`, in alphabetical order."""
+        needed = {need for op in ops for need in (op, *self.needs.get(op, ()))}
+        return [self.helpers[op] for op in sorted(needed) if op in self.helpers]
 
     def systems(self, ops: Iterable[str]) -> Iterator[str]:
         """Yield the lines of the functions for linear systems, each followed by a blank line, if `ops` need them."""
@@ -225,39 +222,30 @@ class StraightLinePrinter:
         self.lines.append(self.language.define.format(name=name, value=value, type=self.language.types[flag]))
         self.texts[i] = ATOM, name
 
-    def _is_flag(self, ref: int) -> bool:
-        return self.program.instructions[ref].op in FLAGS
-
-    def _wrapped(self, ref: int, least: int, operator: Operator | None) -> str:
-        """Return the text of value `ref` as the operand of `operator`, or alone if it is None.
-
-        It is in parentheses if its precedence is below `least`.
-        """
-        if operator is None:
-            return self.text(ref, least)
-        text = operator.text.format(self.text(ref, (operator.operands or (0,))[0]))
-        return text if operator.binds >= least else f"({text})"
-
     def number(self, ref: int, least: int = 0) -> str:
         """Return the text of value `ref` as a number, in parentheses if its precedence is below `least`.
 
         A condition becomes one or zero.
         """
-        return self._wrapped(ref, least, self.language.number if self._is_flag(ref) else None)
+        flag = self.program.instructions[ref].op in FLAGS
+        return self.text(ref, least, self.language.number if flag else None)
 
     def condition(self, ref: int, least: int = 0) -> str:
         """Return the text of value `ref` as a condition, in parentheses if its precedence is below `least`.
 
         A nonzero number is true.
         """
-        if not self._is_flag(ref):
-            self.needed["condition"] = None
-        return self._wrapped(ref, least, None if self._is_flag(ref) else self.language.condition)
+        if self.program.instructions[ref].op in FLAGS:
+            return self.text(ref, least)
+        self.needed["condition"] = None
+        return self.text(ref, least, self.language.condition)
 
-    def text(self, ref: int, least: int = 0) -> str:
-        """Return the text of value `ref`, in parentheses if its precedence is below `least`."""
-        level, operand = self.texts[ref]
-        return operand if level >= least else f"({operand})"
+    def text(self, ref: int, least: int = 0, operator: Operator | None = None) -> str:
+        """Return the text of value `ref`, or of `operator` of it, in parentheses if its precedence is below `least`."""
+        binds, text = self.texts[ref]
+        if operator is not None:
+            binds, text = operator.binds, operator.text.format(self.text(ref, (operator.operands or (0,))[0]))
+        return text if binds >= least else f"({text})"
 
     def status(self, more: Sequence[int] = ()) -> str:
         """Return the text of the condition that a matrix is singular.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from lagrange.errors import StatementError, shown
 from lagrange.export.contents import module_of, wanted
@@ -54,12 +55,21 @@ def export(
     """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
-    folder, created = _folder(path)
+    folder = real_path(path)
+    try:
+        created = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StatementError(
+            f"the folder {shown(str(folder), 120)} cannot be made ({error.strerror}): name another folder for the "
+            "files."
+        ) from error
     try:
         module = module_of(model, wanted(chosen, model, contents, declared, parameters), declared, parameters)
         check_operations(chosen, module)
         files = chosen.files(module)
-        written = write_together(folder, {name: _writer(text) for name, text in files.items()})
+        data = {name: text.encode("ascii") if isinstance(text, str) else text for name, text in files.items()}
+        written = write_together(folder, {name: partial(_put, content) for name, content in data.items()})
     except BaseException:
         for new_folder in created:
             new_folder.rmdir()
@@ -68,23 +78,5 @@ def export(
     return Exported(tuple(written), tuple(chosen.commands(module)), tuple(runs))
 
 
-def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
-    """Return the path of the folder, created if it does not exist, and the list of created folders, innermost first.
-
-    Raises StatementError for a folder that cannot be created.
-    """
-    folder = real_path(path)
-    try:
-        missing = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StatementError(
-            f"the folder {shown(str(folder), 120)} cannot be made ({error.strerror}): name another folder for the "
-            "files."
-        ) from error
-    return folder, missing
-
-
-def _writer(text: str | bytes) -> Any:
-    data = text.encode("ascii") if isinstance(text, str) else text
-    return lambda file: file.write(data)
+def _put(data: bytes, file: BinaryIO) -> None:
+    file.write(data)

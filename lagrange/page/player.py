@@ -38,9 +38,6 @@ LEVELS = 2**13
 MOST_COORDINATES = 20
 """Largest number of coordinates that are recorded beside named points: more would double the size of the page."""
 
-LONG_TRAIL_SECONDS = 10.0
-"""Duration of a long trail, in seconds on the screen."""
-
 
 def player_page(recording: Recording, film: Film, style: str, notes: Sequence[str]) -> str:
     """Return the HTML page of a recording; `film` sets the size of the picture, and `notes` are sentences below it.
@@ -53,7 +50,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
         record = replace(record, states=record.states[:0])
     rows = _rows(record)
     order = [name for name in ENERGIES if name in record.energies]
-    data = description(statement, film.timing.speed, order)
+    data = description(statement, film.timing.speed, order, record.energy_letter)
     data |= {
         "states": data["states"][: len(record.states)],
         "energySize": record.energy_size,
@@ -73,6 +70,13 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
     scripts = short(joined(*PICTURES, *RECORDED))
     width = f":root{{--width:{max(film.size[0], 640)}px}}\n"
     rules = short(colour_rules(statement) + width + template("page.css") + template("player.css"))
+    # Trails by their seconds on the screen.
+    trails = {"no": 0.0, "short": film.trail_seconds or 2.5, "long": 10.0, "whole": 1e9}
+    chosen = "short" if film.trail_seconds else "no"
+    choices = [
+        f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name} trail</option>'
+        for name, value in trails.items()
+    ]
     parts = {
         "look": "" if style == "auto" else f' data-style="{style}"',
         "style": rules,
@@ -81,7 +85,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
         "legend": legend(statement),
         "choices": phase_choices(statement),
         "hidden": "" if len(record.states) else " hidden",
-        "trails": _trails(film.trail_seconds),
+        "trails": "".join(choices),
         "notes": "".join(f'<p class="note">{escape(note)}</p>\n' for note in notes),
         "data": as_json(data),
         "packed": " ".join(map(_text, (rules.encode(), scripts.encode(), packed(rows)))),
@@ -100,19 +104,6 @@ def in_frame(page: str, title: str, width: int, height: int) -> str:
     style = f"width:100%;max-width:{width}px;height:{height}px;border:0;display:block"
     inside = page.replace("&", "&amp;").replace('"', "&quot;")
     return f'<iframe title="{title}" sandbox="allow-scripts" style="{style}" srcdoc="{inside}"></iframe>'
-
-
-def _trails(seconds: float) -> str:
-    """Return HTML options for the length of the trail: none, short, long and whole.
-
-    The short trail lasts `seconds` on the screen; it is selected unless `seconds` is 0.
-    """
-    trails = {"no": 0.0, "short": seconds or 2.5, "long": LONG_TRAIL_SECONDS, "whole": 1e9}
-    chosen = "short" if seconds else "no"
-    return "".join(
-        f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name} trail</option>'
-        for name, value in trails.items()
-    )
 
 
 def _rows(record: Recording) -> list[FloatArray]:

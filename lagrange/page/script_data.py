@@ -97,36 +97,31 @@ ENERGIES = ("E", "T", "V")
 """Names of the energies in the order of the scripts: the conserved E first; T and V only if they were stated."""
 
 
-def description(statement: Statement, rate: float, energies: Sequence[str]) -> dict[str, Any]:
+def description(statement: Statement, rate: float, energies: Sequence[str], energy_letter: str) -> dict[str, Any]:
     """Return the data of a system for the scripts, as a dict for JSON: names, points, links, units.
 
     The view of space and the shape of springs are the same as in figures. `rate` is the time of the run per second on
-    the screen, and `energies` are the names of the energies to draw.
+    the screen, `energies` are the names of the energies to draw, and `energy_letter` is the letter of the first one.
     """
+    notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
+    entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
     return {
         "name": plain_text(statement.name),
-        "states": _states(statement),
+        "states": [
+            {"name": typed, "letter": _letter(notation.letter(name, 0), dots), "unit": unit_of(statement, typed)}
+            for name, typed, dots in entries
+        ],
         **_points(statement),
         "view": [math.radians(AZIMUTH), math.radians(ELEVATION)],
         "spring": spring(np.zeros(2), np.array([1.0, 0.0]), 1.0).T.round(4).tolist(),
         "rate": rate,
         "decimals": 4 if abs(rate) < 1 else 2,
-        "energies": list(energies),
+        "energies": [energy_letter if name == "E" else name for name in energies],
         "energySize": 0.0,
         "zero": 0.0,
         "play": True,
         "unit": {"t": unit_of(statement, "t"), "length": length_unit(statement), "energy": energy_unit(statement)},
     }
-
-
-def _states(statement: Statement) -> list[dict[str, str]]:
-    """Return for each entry of the state its ASCII name, its name with Greek letters, and its unit."""
-    notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
-    entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
-    return [
-        {"name": typed, "letter": _letter(notation.letter(name, 0), dots), "unit": unit_of(statement, typed)}
-        for name, typed, dots in entries
-    ]
 
 
 def _letter(letter: str, dots: int) -> str:

@@ -84,7 +84,10 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
         raise StatementError(
             f"{shown(asked)} says no sliders: give a dict from names to bounds, such as {{'l': {EXAMPLE}}}."
         )
-    names = _names(statement)
+    states = statement.state_names
+    rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
+    rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}
+    names = {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rates, **rows}
     result: dict[str, tuple[float, float]] = {}
     for key, pair in asked.items():
         name = names.get(key)
@@ -96,14 +99,6 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
             )
         result[name] = _bounds(name, pair)
     return result
-
-
-def _names(statement: Statement) -> dict[Any, str]:
-    """Return the names of all values that may have a slider. The keys are both their symbols and their names."""
-    states = statement.state_names
-    rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
-    rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}
-    return {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rates, **rows}
 
 
 def _bounds(name: str, pair: Any) -> tuple[float, float]:

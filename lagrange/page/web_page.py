@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from lagrange.show.derivation_page import HtmlPage
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.symbols import plain_text
+from lagrange.show.units import energy_letter
 from lagrange.statement.declare import initial_state
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import complete_start
@@ -47,26 +48,22 @@ LONGEST_SECTION = 30_000
 SHORTEST_OPERATION = 20
 """Least number of characters of an operation with its operand, in MathML."""
 
-TOO_LONG = "These formulas are too long to be read here: `lagrange derive` prints them."
-
 
 class FoldedFormulas(HtmlPage):
     """Writes sections that fold. They have no inline styles, which the security policy of the page forbids."""
 
     cell = '<mtd class="{}">{}</mtd>'
 
-    def sections(self, found: Iterator[Section]) -> str:
-        """Return the sections `found` as HTML, below one another."""
-        return "".join(map(self.section, found))
-
     def section(self, section: Section) -> str:
         """Return a section as HTML, or a sentence instead of a section that is too long."""
-        inside = "" if _is_long(section) else "\n".join(map(self.row, section.rows))
+        sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
+        operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
+        inside = ""
+        if operations * SHORTEST_OPERATION <= LONGEST_SECTION:
+            inside = "\n".join(map(self.row, section.rows))
         if not inside or len(inside) > LONGEST_SECTION:
-            inside = self.row(TOO_LONG)
-        opened = " open" if section.heading in OPEN else ""
-        heading = self.heading(section, escape, "<math>{}</math>")
-        return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
+            inside = self.row("These formulas are too long to be read here: `lagrange derive` prints them.")
+        return self.folding(section, inside, folded=section.heading not in OPEN)
 
     def letter(self, name: str) -> str:
         """Return the symbol of a coordinate, velocity or parameter in MathML; a velocity is written as dx/dt."""
@@ -75,18 +72,6 @@ class FoldedFormulas(HtmlPage):
         letter = self.lines.sides.notation.letter(base if rate else name, 0)
         over = '<mo lspace="0" rspace="0">/</mo>'
         return f"<math><mi>d</mi>{letter}{over}<mi>d</mi><mi>t</mi></math>" if rate else f"<math>{letter}</math>"
-
-
-def _is_long(section: Section) -> bool:
-    """Return True if the text of a section is surely longer than `LONGEST_SECTION`, by its number of operations."""
-    sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
-    operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
-    return operations * SHORTEST_OPERATION > LONGEST_SECTION
-
-
-def formulas(derivation: Derivation) -> str:
-    """Return the derivation of a system as sections that fold."""
-    return FoldedFormulas(derivation.statement).sections(sections(derivation))
 
 
 OPEN_SLIDERS = 15
@@ -178,7 +163,8 @@ def page_of(
     start = complete_start(model, 0.0, state, np.array(values))
     page_sliders = sliders(model, values, tuple(start.tolist()), asked)
     motion = motion_source(model, parameters)
-    data = description(statement, rate_of(end), ENERGIES[: 1 if statement.lagrangian_alone else 3])
+    energies = ENERGIES[: 1 if statement.lagrangian_alone else 3]
+    data = description(statement, rate_of(end), energies, energy_letter(model.equations))
     data |= {
         "parameters": list(motion.parameters),
         "initial": start.tolist(),
@@ -193,16 +179,18 @@ def page_of(
         "span": [bound if math.isfinite(bound) else None for bound in statement.span],
         "kept": model.equations.structure.energy_kept is True,
     }
-    title = escape(plain_text(statement.name))
+    formulas = ""
+    if derivation is not None:
+        formulas = "".join(map(FoldedFormulas(derivation.statement).section, sections(derivation)))
     parts = {
-        "title": title,
+        "title": escape(plain_text(statement.name)),
         "about": escape(plain_text(statement.about)),
         "legend": legend(statement),
         "note": note(statement),
         "hint": hint(statement),
         "sliders": slider_groups(page_sliders, FoldedFormulas(statement)),
         "choices": phase_choices(statement),
-        "formulas": "" if derivation is None else formulas(derivation),
+        "formulas": formulas,
         "look": f' data-style="{style}"' if style else "",
     }
     parts |= {"data": as_json(data), "style": colour_rules(statement) + template("page.css") + template("system.css")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -14,7 +14,6 @@ from lagrange.show.terminal import duration, text_table
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.trajectory.solution import Solution
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MOST_CHANGES = 3
 """Number of parameter changes on the card; `solution.parameter_changes` has all of them."""
@@ -73,84 +72,54 @@ def _energy(solution: Solution) -> dict[str, Any] | None:
 
 def card_text(solution: Solution) -> str:
     """Return the card as a table for a terminal."""
-    return f"{_heading(solution)}\n{text_table(('', ''), _lines(solution))}"
+    return f"{_heading(solution)}\n{text_table(('', ''), [*_lines(solution)])}"
 
 
 def card_html(solution: Solution) -> str:
     """Return the card as an HTML table for a notebook, with the plot under it."""
     heading = _heading(solution)
     drawn = image(solution.plot(), f"plot of {heading}") if len(solution.t) else ""
-    return pairs(heading, _lines(solution)) + drawn
+    return pairs(heading, [*_lines(solution)]) + drawn
 
 
 def _heading(solution: Solution) -> str:
     return f"{solution.model.statement.name}: {solution.status.value}"
 
 
-def _lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return the lines of the card as pairs (label, text)."""
+def _lines(solution: Solution) -> Iterator[tuple[str, str]]:
+    """Yield the lines of the card as pairs (label, text)."""
     run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
     begun, reached = run.span
-    outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
-    unknown = "not known: it has no value at some state of the run"
-    return [
-        ("method", ", ".join(part for part in (run.method, run.form) if part)),
-        *_setting_lines(run),
-        ("time", f"{begun:.6g} to {reached:.6g}{f' {unit}' if unit else ''}, {outputs}"),
-        ("steps", f"{run.steps} ({run.rejected} rejected), {counted(run.evaluations, 'evaluation')}"),
-        (
-            "energy drift" if solution.model.conservative else "energy",
-            solution.drift.sentence() if solution.has_energy else unknown,
-        ),
-        *drift_lines(solution.momentum_drift),
-        *([("constraint drift", solution.constraint_drift.sentence())] if solution.constraint_drift else []),
-        *_contact_lines(solution),
-        *_event_lines(run.t_events),
-        *_change_lines(solution.parameter_changes),
-        *([("stiffness", solution.stiff.sentence())] if solution.stiff else []),
-        ("wall time", duration(run.wall)),
-        ("message", run.message),
-    ]
-
-
-def _contact_lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return lines on contacts: the impacts of each and its state at the end, and the total dissipated energy."""
-    if not solution.contacts or not len(solution.t):
-        return []
-    lines = [
-        (f"contact {name}", f"{counted(len(contact.impacts), 'impact')}, {contact.mode[-1]} at the end")
-        for name, contact in solution.contacts.items()
-    ]
-    return [*lines, ("energy lost", f"{solution.energy_lost[-1]:.6g}")]
-
-
-def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
-    """Return the line with the step or the tolerances of a run; empty if its method has neither."""
+    yield "method", ", ".join(part for part in (run.method, run.form) if part)
     if run.step is not None:
-        return [("step", f"{run.step:.6g}")]
-    if run.rtol is None:
-        return []
-    atol = "follows the scale" if run.atol is None else f"= {run.atol:g}"
-    return [("tolerances", f"rtol = {run.rtol:g}, atol {atol}")]
-
-
-def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[tuple[str, str]]:
-    """Return the line with the parameters set by events: the first changes, and the number of the others.
-
-    `changes` are pairs of a time and the new values by name. Without changes the list is empty.
-    """
-    changed = [
-        f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
-        for t, values in changes[:MOST_CHANGES]
-    ]
-    left = len(changes) - MOST_CHANGES
-    more = [f"{counted(left, 'later change')}"] if left > 0 else []
-    return [("parameters", listing(changed + more))] if changed else []
-
-
-def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
-    """Return the line with the number of occurrences of each event; empty without events."""
-    if not times:
-        return []
-    counts = (f"event {i}: {counted(len(occurrences), 'time')}" for i, occurrences in enumerate(times))
-    return [("events", ", ".join(counts))]
+        yield "step", f"{run.step:.6g}"
+    elif run.rtol is not None:
+        atol = "follows the scale" if run.atol is None else f"= {run.atol:g}"
+        yield "tolerances", f"rtol = {run.rtol:g}, atol {atol}"
+    outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
+    yield "time", f"{begun:.6g} to {reached:.6g}{f' {unit}' if unit else ''}, {outputs}"
+    yield "steps", f"{run.steps} ({run.rejected} rejected), {counted(run.evaluations, 'evaluation')}"
+    unknown = "not known: it has no value at some state of the run"
+    drift = solution.drift.sentence() if solution.has_energy else unknown
+    yield "energy drift" if solution.model.conservative else "energy", drift
+    yield from drift_lines(solution.momentum_drift)
+    if solution.constraint_drift:
+        yield "constraint drift", solution.constraint_drift.sentence()
+    if solution.contacts and len(solution.t):
+        for name, contact in solution.contacts.items():
+            yield f"contact {name}", f"{counted(len(contact.impacts), 'impact')}, {contact.mode[-1]} at the end"
+        yield "energy lost", f"{solution.energy_lost[-1]:.6g}"
+    if run.t_events:
+        counts = (f"event {i}: {counted(len(times), 'time')}" for i, times in enumerate(run.t_events))
+        yield "events", ", ".join(counts)
+    if changes := solution.parameter_changes:
+        changed = [
+            f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
+            for t, values in changes[:MOST_CHANGES]
+        ]
+        left = len(changes) - MOST_CHANGES
+        yield "parameters", listing(changed + ([counted(left, "later change")] if left > 0 else []))
+    if solution.stiff:
+        yield "stiffness", solution.stiff.sentence()
+    yield "wall time", duration(run.wall)
+    yield "message", run.message

@@ -270,20 +270,21 @@ class HtmlPage(Page):
         paragraphs = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{paragraphs}{self.body(sections)}"
-            "</body>\n</html>\n"
+            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{paragraphs}"
+            + "".join(map(self.section, sections))
+            + "</body>\n</html>\n"
         )
 
-    def body(self, sections: Sequence[Section]) -> str:
-        """Return the sections without the frame of a page, for a notebook."""
-        parts = []
-        for section in sections:
-            rows = [self.row(row) for row in section.rows]
-            long = sum(row.count("<mtr class") or 1 for row in rows) > LONG_SECTION
-            inside = "\n".join(rows)
-            heading = self.heading(section, escape, "<math>{}</math>")
-            parts.append(f"<details{'' if long else ' open'}><summary>{heading}</summary>\n{inside}\n</details>\n")
-        return "".join(parts)
+    def section(self, section: Section) -> str:
+        """Return a section that folds; a long section is folded when the page opens."""
+        rows = [self.row(row) for row in section.rows]
+        long = sum(row.count("<mtr class") or 1 for row in rows) > LONG_SECTION
+        return self.folding(section, "\n".join(rows), folded=long)
+
+    def folding(self, section: Section, inside: str, *, folded: bool) -> str:
+        """Return the HTML of a section whose content `inside` folds under its heading."""
+        heading = self.heading(section, escape, "<math>{}</math>")
+        return f"<details{'' if folded else ' open'}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def row(self, row: Formula | str) -> str:
         """Return a paragraph with a sentence or a formula."""

@@ -105,10 +105,7 @@ class PhasePortrait(Drawn, PortraitData):
     def _lines(self) -> list[tuple[str, str]]:
         fixed = listing(f"{name} = {value:g}" for name, value in self.held.items())
         places = [
-            (
-                place.kind,
-                listing(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, place.state, strict=False)),
-            )
+            (place.kind, listing(map("{} = {:.6g}".format, self.statement.names, place.state)))
             for place in self.equilibria[:_MOST_PLACES]
         ]
         return [
@@ -134,7 +131,7 @@ class PoincareSection(Drawn, SectionData):
     def _lines(self) -> list[tuple[str, str]]:
         where = f"every {self.period:.6g}" if self.event is None else surface(self.event, self.statement)
         lines = [("section", where), ("orbits", str(len(self.states))), ("points", str(len(self.points)))]
-        return lines + ([("energy drift", f"{self.drift:.1e}")] if self.drift is not None else [])
+        return [*lines, *([("energy drift", f"{self.drift:.1e}")] if self.drift is not None else [])]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -260,7 +257,8 @@ def phase_portrait(
     depends on time, the field is evaluated at the time `t`, at which orbits begin. Ctrl-C keeps the finished parts,
     with `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
     """
-    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step))
+    limit = ORBIT_STEPS if max_steps is None and step is None else max_steps
+    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, limit)
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
     with counter(total, noun, wanted=progress) as report:
@@ -390,11 +388,6 @@ def _runs(
     if max_steps is not None:
         whole_number(max_steps, "max_steps", 1)
     return model, Runs(model, model.parameter_array(parameters), options)
-
-
-def _limit(max_steps: int | None, step: float | None) -> int | None:
-    """Return the limit of steps of an orbit: `max_steps`, or `ORBIT_STEPS` if neither it nor `step` is given."""
-    return ORBIT_STEPS if max_steps is None and step is None else max_steps
 
 
 def _positive(given: Any, what: str) -> float:

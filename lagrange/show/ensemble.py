@@ -130,16 +130,12 @@ class Ensemble:
         A name such as theta_end is the final state, even with t_eval; ("max", theta) is the quantity kept by that pair.
         """
         label = self.label(key)
-        values: FloatArray
         if label in self.names:
-            values = self.y[self.names.index(label)]
-        elif label in self.table.labels:
-            values = self.given(label)
-        elif (row := end_row(label, self.names)) is not None:
-            values = self._kept(STATE, END)[:, row]
-        else:
-            values = self.results.column(label)
-        return values
+            return np.asarray(self.y[self.names.index(label)])
+        if label in self.table.labels:
+            return self.given(label)
+        row = end_row(label, self.names)
+        return np.asarray(self.results.column(label) if row is None else self._kept(STATE, END)[:, row])
 
     def label(self, key: Any) -> str:
         """Return the name of a row of `y`, a varied quantity or a kept quantity; `key` is its symbol, pair or name.
@@ -260,14 +256,8 @@ class Ensemble:
                 "to_xarray() needs xarray, which is not installed: pip install xarray, or in a checkout "
                 "pip install '.[data]'."
             ) from error
-        axes = {
-            (name if self.problem.t_eval is None else start_name(name, self.names)): values
-            for name, values in self.table.varied.axes.items()
-        }
-        labels = {
-            (label if self.problem.t_eval is None else start_name(label, self.names)): label
-            for label in self.table.labels
-        }
+        axes = {self._start_name(name): values for name, values in self.table.varied.axes.items()}
+        labels = {self._start_name(label): label for label in self.table.labels}
         shape, dims = self.table.varied.shape, tuple(axes)
         data: dict[str, Any] = {}
         for column in self.columns:
@@ -279,6 +269,13 @@ class Ensemble:
             coordinates[OUTPUT_TIME] = (OUTPUT_TIME, self.problem.t_eval)
         attributes = {"system": self.model.statement.name, "method": self.method, "form": self.form}
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
+
+    def _start_name(self, label: str) -> str:
+        """Return the name of the varied quantity `label` in a Dataset.
+
+        With t_eval the initial values of a coordinate have the suffix _start.
+        """
+        return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
@@ -457,11 +454,11 @@ def _run(
     storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
     try:
         if storage.left:
-            with compiling(job.problem.model.statement.name, wanted=bool(progress)):
-                runner: Runner = (
-                    ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
-                )
+            with compiling(problem.model.statement.name, wanted=bool(progress)):
+                alone = executor is None
+                runner: Runner = ThreadRunner(job.engine(), threads) if alone else ExecutorRunner(executor, job)
             before = len(table) - storage.members_left
+            # After Ctrl-C a member that was not run counts as INTERRUPTED.
             with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
                 run_members(table, storage.left, runner, storage.reporting(report, before))
     finally:

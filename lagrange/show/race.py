@@ -60,7 +60,13 @@ def plot(race: Race, style: Any = "light") -> Figure:
     for (name, entries), line_style in zip(drawn.items(), line_styles(len(drawn), look), strict=True):
         _draw(axis, f"{name}\n{_settings(entries)}" if columns == 1 else name, entries, line_style, look)
     _mark_limits(axis, race, look)
-    _dress(axis, race, look)
+    start, end = race.span
+    dress(axis, look)
+    axis.set_title(f"{race.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=look.ink)
+    unit = "in parts of each entry's size" if race.relative else "in the state's units"
+    where = "at the end" if len(race.result.reference.times) == 1 else f"at {len(race.result.reference.times)} times"
+    axis.set_xlabel("time of one run / s")
+    axis.set_ylabel(f"largest error {where}, {unit}")
     axis.legend(
         fontsize=8,
         loc="upper left",
@@ -143,16 +149,6 @@ def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
             color=style.quiet,
         )
         axis.set_ylim(low, high)
-
-
-def _dress(axis: Axes, race: Race, style: FigureStyle) -> None:
-    start, end = race.span
-    dress(axis, style)
-    axis.set_title(f"{race.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=style.ink)
-    unit = "in parts of each entry's size" if race.relative else "in the state's units"
-    where = "at the end" if len(race.result.reference.times) == 1 else f"at {len(race.result.reference.times)} times"
-    axis.set_xlabel("time of one run / s")
-    axis.set_ylabel(f"largest error {where}, {unit}")
 
 
 COLUMNS = tuple(field.name for field in fields(Entry))
@@ -308,22 +304,21 @@ class Race:
         return f"{self.system}, t = {self.span[0]:g} to {self.span[1]:g}: {self.measure()}"
 
     def _remarks(self) -> list[str]:
-        lines = [
-            f"Errors are against {self.result.reference.about}, itself known to {self.uncertainty:.1e}.",
-            *(self._winner(goal) for goal in GOALS),
-            *self.notes,
-        ]
+        lines = [f"Errors are against {self.result.reference.about}, itself known to {self.uncertainty:.1e}."]
+        for goal in GOALS:
+            best, winner = self.fastest(goal), "no run."
+            if best is not None:
+                winner = f"{best.method} at {setting(best)} is the fastest, in {_milliseconds(best.time)} ms."
+            lines.append(f"Within {goal:.0e}: {winner}")
+        lines += self.notes
         failed: dict[tuple[str, str], list[str]] = {}
         for entry in self:
             if not entry.complete:
                 failed.setdefault((entry.method, entry.message), []).append(setting(entry))
-        return [*lines, *(f"{method} at {_few(where)}: {message}" for (method, message), where in failed.items())]
-
-    def _winner(self, goal: float) -> str:
-        best = self.fastest(goal)
-        if best is None:
-            return f"Within {goal:.0e}: no run."
-        return f"Within {goal:.0e}: {best.method} at {setting(best)} is the fastest, in {_milliseconds(best.time)} ms."
+        for (method, message), settings in failed.items():
+            where = listing(settings) if len(settings) < 3 else f"{settings[0]} to {settings[-1]}"
+            lines.append(f"{method} at {where}: {message}")
+        return lines
 
 
 def setting(entry: Entry) -> str:
@@ -331,23 +326,10 @@ def setting(entry: Entry) -> str:
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
 
 
-def _few(settings: Sequence[str]) -> str:
-    """Return the settings as a text; of three or more, the first and the last."""
-    return listing(settings) if len(settings) < 3 else f"{settings[0]} to {settings[-1]}"
-
-
 def _cells(entry: Entry) -> tuple[str, ...]:
-    if not entry.complete:
-        return entry.method, setting(entry), "-", "-", str(entry.steps), str(entry.evaluations), entry.status
-    return (
-        entry.method,
-        setting(entry),
-        f"{'' if entry.resolved else '< '}{entry.error:.1e}",
-        _milliseconds(entry.time),
-        str(entry.steps),
-        str(entry.evaluations),
-        entry.status,
-    )
+    error, time = f"{'' if entry.resolved else '< '}{entry.error:.1e}", _milliseconds(entry.time)
+    measured = (error, time) if entry.complete else ("-", "-")
+    return (entry.method, setting(entry), *measured, str(entry.steps), str(entry.evaluations), entry.status)
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[list[str]]:

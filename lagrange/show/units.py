@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lagrange.equations.euler_lagrange import Equations
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.units.dimension import Dimension, named, read_dimension
@@ -18,18 +19,19 @@ def unit_of(statement: Statement, name: str) -> str:
         return ""
     if name == "t":
         return statement.dimensions[t].unit or "s"
-    parameter = next((one for one in statement.parameters if one.name == name), None)
-    if parameter is not None:
-        return _unit(statement, statement.dimensions.get(parameter))
-    by_name = dict(zip(statement.names, statement.coordinates, strict=True))
-    base = name.removesuffix("_dot")
-    unit = _unit(statement, statement.dimensions.get(by_name.get(base, t)) if base in by_name else None)
+    symbols = {symbol.name: symbol for symbol in statement.parameters}
+    symbols |= dict(zip(statement.names, statement.coordinates, strict=True))
+    base = name if name in symbols else name.removesuffix("_dot")
+    unit = _unit(statement, statement.dimensions.get(symbols[base]) if base in symbols else None)
     return f"{unit}/{unit_of(statement, 't')}" if unit and base != name else unit
 
 
 def length_unit(statement: Statement) -> str:
-    """Return the unit of positions: the stated unit of a length."""
-    return _unit(statement, named("length")) if has_units(statement) else ""
+    """Return the unit of positions: the stated unit of a length, or that of a coordinate which is a length."""
+    length = named("length")
+    coordinates = (statement.dimensions.get(q) for q in statement.coordinates)
+    units = [_unit(statement, length), *(_unit(statement, q) for q in coordinates if q and q.like(length))]
+    return next(filter(None, units), "") if has_units(statement) else ""
 
 
 def energy_unit(statement: Statement) -> str:
@@ -45,19 +47,21 @@ def energy_unit(statement: Statement) -> str:
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:
-    """Return the unit of a dimension: the unit stated with it, rad for an angle, or the first stated unit that fits."""
+    """Return the unit of a dimension: the one stated with it, rad for an angle, or a stated or common one that fits."""
     if dimension is None or dimension.unit:
         return "" if dimension is None else dimension.unit
     if not dimension.exponents:
         return "rad"
-    return next(
-        (
-            known_unit.unit
-            for known_unit in statement.dimensions.values()
-            if known_unit.unit and known_unit.fits(dimension)
-        ),
-        "",
-    )
+    stated = [known.unit for known in statement.dimensions.values() if known.unit and known.fits(dimension)]
+    if stated or dimension.factor is None:
+        return next(iter(stated), "")
+    # A unit that follows from others, such as cm from cm/s**2.
+    return next((name for name in ("m", "cm", "mm", "km", "ft", "kg", "g", "s") if named(name).fits(dimension)), "")
+
+
+def energy_letter(equations: Equations) -> str:
+    """Return the letter of the energy v.p - L: J for a Jacobi integral that differs from T + V, else E."""
+    return "J" if equations.structure.energy_name == "Jacobi integral" else "E"
 
 
 def with_unit(label: str, unit: str) -> str:

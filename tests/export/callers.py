@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import fortran, javascript_printer, octave, rust
+from lagrange.export.languages import fortran, javascript, octave, rust
 from lagrange.export.module import SourceModule
 from lagrange.export.target import find
 from lagrange.machine import python_source
@@ -190,7 +190,7 @@ told(status, []);
 LITERALS = {
     "fortran": fortran.LITERALS.real,
     "octave": octave.LITERALS.real,
-    "javascript": javascript_printer.LITERALS.real,
+    "javascript": javascript.LITERALS.real,
     "rust": rust.LITERALS.real,
     "python": python_source.LITERALS.real,
 }

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange.export.languages import c_printer, fortran, javascript_printer, julia, octave, python, rust
+from lagrange.export.languages import c_printer, fortran, javascript, julia, octave, python, rust
 from lagrange.export.module import Check
 from lagrange.export.target import find
 from lagrange.program.program import Program
@@ -79,7 +79,7 @@ WORDS = (
     *keyword.kwlist,
     *c_printer.RESERVED,
     *fortran.RESERVED,
-    *javascript_printer.RESERVED,
+    *javascript.RESERVED,
     *julia.RESERVED,
     *octave.RESERVED,
     *python.RESERVED,

@@ -108,6 +108,20 @@ def test_units_stand_on_the_axes() -> None:
     assert axis.get_ylabel() == "$\\dot{x}$ (m/s)" and axis.get_xlabel() == "t (s)"
 
 
+def test_units_that_follow_from_others_stand_on_the_axes() -> None:
+    g = lg.parameters("g")
+    stated: dict[Any, Any] = {"kinetic": m * x.dot**2 / 2, "potential": m * g * x, "positions": {"ball": (x, 0)}}
+    system = lg.System(**stated, parameters={m: 1, g: 981}, dimensions={m: "g", g: "cm/s**2"})
+    figure = drawn(system.run(1.0), what=["coordinates", "velocities", "path"])
+    labels = [axis.get_ylabel() for axis in figure.axes] + [axis.get_xlabel() for axis in figure.axes]
+    assert {"$x$ (cm)", "$\\dot{x}$ (cm/s)", "x (cm)"} <= set(labels)
+
+
+def test_a_jacobi_integral_has_its_own_letter() -> None:
+    figure = drawn(lg.scene("bead-on-hoop").run(1.0), what="energies")
+    assert [line.get_label() for line in figure.axes[0].get_lines()] == ["$T$", "$V$", "$J$"]
+
+
 def test_it_draws_into_the_axes_of_a_user_and_returns_their_figure() -> None:
     figure = Figure(figsize=(6, 3), dpi=100)
     left, right = figure.subplots(1, 2)

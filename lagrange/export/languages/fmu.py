@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import shutil
 import subprocess
@@ -10,16 +11,332 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.resources import files as resources
 from io import BytesIO
+from itertools import accumulate, count
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from lagrange.errors import LagrangeError
-from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description, model_header
-from lagrange.export.languages.c import header, programs, source
-from lagrange.export.module import SourceModule
+from lagrange.export.descriptions import OUTCOMES, generator, run_of
+from lagrange.export.identifiers import continued
+from lagrange.export.languages.c import header, numbers, programs, source, statement_comment
+from lagrange.export.languages.c_printer import LITERALS
+from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 from lagrange.export.target import Target, register
+
+STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
+RESULT, INDICATOR = "result", "indicator"
+"""Kinds of variables: a result of a quantity, and an event indicator."""
+
+
+@dataclass(frozen=True)
+class ScalarVariable:
+    """A real variable of an FMU, with its reference number; `start` is its initial value, None without one.
+
+    For the derivative of a state, `of` is the reference of the state.
+    """
+
+    name: str
+    reference: int
+    kind: str
+    about: str = ""
+    unit: str = ""
+    start: float | None = None
+    of: int = 0
+
+
+def places(module: SourceModule) -> dict[str, int]:
+    """Return for each quantity the reference number of its first result, the quantities in order with rhs first."""
+    sizes = [len(quantity.results) for quantity in module.quantities]
+    first = 1 + len(module.state) + len(module.parameters)
+    references = accumulate(sizes, initial=first)
+    return {quantity.name: reference for quantity, reference in zip(module.quantities, references, strict=False)}
+
+
+def variables(module: SourceModule) -> list[ScalarVariable]:
+    """Return the variables in the order of their reference numbers: state, parameters, derivatives, other results.
+
+    Names are those of the statement; a name that is taken gets a number as suffix.
+    """
+    taken = {"time"}
+    unique = []
+    for variable in _variables(module):
+        tries = (variable.name if k == 1 else f"{variable.name}_{k}" for k in count(1))
+        name = next(attempt for attempt in tries if attempt not in taken)
+        taken.add(name)
+        unique.append(replace(variable, name=name))
+    return unique
+
+
+def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
+    """Yield the variables; several may have the same name. The results of `rhs` are the derivatives of the state."""
+    run, _ = _run_of(module)
+    half = len(module.state) // 2
+    for k, (name, value) in enumerate(zip(module.state, run.initial, strict=True)):
+        about = f"velocity of {module.state[k - half]}" if k >= half else "coordinate"
+        yield ScalarVariable(name, 1 + k, STATE, about, module.units.get(name, ""), value)
+    for k, (name, value) in enumerate(zip(module.parameters, module.values, strict=True), 1 + len(module.state)):
+        kind, about = (INPUT, "input: may change at any time") if name in module.inputs else (PARAMETER, "parameter")
+        yield ScalarVariable(name, k, kind, about, module.units.get(name, ""), value)
+    first = places(module)
+    for quantity in module.quantities:
+        for k, name in enumerate(quantity.results):
+            reference = first[quantity.name] + k
+            if quantity.name == "rhs":
+                state = module.state[k]
+                about = f"time derivative of {state}"
+                yield ScalarVariable(f"der({state})", reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k)
+            elif quantity.name != "jacobian":  # it serves directional derivatives only
+                kind = INDICATOR if quantity.name == "events" else RESULT
+                yield ScalarVariable(name, reference, kind, quantity.about, quantity.unit)
+
+
+def _run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
+    run = run_of(module)
+    assert run is not None  # an FMU always has a run
+    return run
+
+
+def _rate_unit(module: SourceModule, k: int) -> str:
+    """Return the unit of the derivative of entry k of the state, or "" if it is not stated."""
+    half = len(module.state) // 2
+    if k < half:
+        return module.units.get(module.state[k + half], "")
+    unit, time = module.units.get(module.state[k - half], ""), module.units.get("t", "")
+    return f"{unit}/{time}2" if unit and time.isalpha() else ""
+
+
+CAUSALITY = {
+    STATE: ("output", "continuous", "exact"),
+    PARAMETER: ("parameter", "tunable", "exact"),
+    INPUT: ("input", "continuous", None),
+    **dict.fromkeys((DERIVATIVE, RESULT, INDICATOR), ("local", "continuous", "calculated")),
+}
+"""Causality, variability and initial of each kind of variable. Parameters may be changed between steps."""
+
+
+def number(value: float) -> str:
+    """Return a number in the syntax of XML Schema, with all its digits."""
+    if math.isfinite(value):
+        return repr(value)
+    return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
+
+
+def element(name: str, attributes: Mapping[str, object], inside: Iterable[str] = ()) -> list[str]:
+    """Return the lines of an XML element; attributes that are None or empty are left out."""
+    written = "".join(f" {key}={quoteattr(str(value))}" for key, value in attributes.items() if value not in (None, ""))
+    lines = [f"  {line}" for line in inside]
+    return [f"<{name}{written}>", *lines, f"</{name}>"] if lines else [f"<{name}{written}/>"]
+
+
+def elements(name: str, rows: Iterable[Mapping[str, object]]) -> list[str]:
+    """Return the lines of several XML elements of the same name, from the attributes of each."""
+    return [line for attributes in rows for line in element(name, attributes)]
+
+
+def document(lines: Sequence[str]) -> str:
+    """Return an XML document in ASCII: other characters as numeric references."""
+    text = "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *lines, ""])
+    return text.encode("ascii", "xmlcharrefreplace").decode("ascii")
+
+
+def _description(
+    module: SourceModule,
+    version: str,
+    token: tuple[str, str],
+    interfaces: Sequence[str],
+    parts: Sequence[str],
+    events: int | None = None,
+) -> str:
+    """Return the text of modelDescription.xml for a version of FMI.
+
+    `token` is the attribute that identifies the model, by its name, and `events` the number of event indicators.
+    `interfaces` are the elements for model exchange and co-simulation, and `parts` the variables and the structure.
+    """
+    run, _ = _run_of(module)
+    units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
+    definitions = elements("Unit", ({"name": unit} for unit in units))
+    categories = elements("Category", ({"name": name} for name in ("logStatusDiscard", "logStatusError")))
+    experiment = {
+        "startTime": "0.0",
+        "stopTime": number(run.t_end),
+        "tolerance": number(run.rtol),
+        "stepSize": number(run.t_end / run.intervals),
+    }
+    attributes = {
+        "fmiVersion": version,
+        "modelName": module.name,
+        token[0]: token[1],
+        "description": next((line for line in module.statement[1:] if line), ""),
+        "generationTool": generator(),
+        "variableNamingConvention": "flat",
+        "numberOfEventIndicators": events,
+    }
+    inside = [
+        *interfaces,
+        *(element("UnitDefinitions", {}, definitions) if units else []),
+        *element("LogCategories", {}, categories),
+        *element("DefaultExperiment", experiment),
+        *parts,
+    ]
+    return document(element("fmiModelDescription", attributes, inside))
+
+
+def _attributes(variable: ScalarVariable) -> dict[str, object]:
+    causality, variability, initial = CAUSALITY[variable.kind]
+    return {
+        "name": variable.name,
+        "valueReference": variable.reference,
+        "description": variable.about,
+        "causality": causality,
+        "variability": variability,
+        "initial": initial,
+    }
+
+
+def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
+    """Return the attributes of a real number: its unit, its initial value, and `of`, the state that it derives."""
+    start = None if variable.start is None else number(variable.start)
+    return {"unit": variable.unit, "start": start, "derivative": of if variable.kind == DERIVATIVE else None}
+
+
+def _interfaces(module: SourceModule, state: str, derivatives: str, sources: Sequence[str] = ()) -> list[str]:
+    """Return the elements for model exchange and co-simulation.
+
+    `state` and `derivatives` are the spellings of two attributes, which differ between versions. Directional
+    derivatives need a Jacobian. The exported one has derivatives by the state alone, so an FMU with inputs has no
+    directional derivatives.
+    """
+    can = {
+        "modelIdentifier": module.name,
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
+        derivatives: "true" if module.quantity("jacobian") and not module.inputs else "false",
+    }
+    simulation = {**can, "canHandleVariableCommunicationStepSize": "true"}
+    return [*element("ModelExchange", can, sources), *element("CoSimulation", simulation, sources)]
+
+
+def _source_names(module: SourceModule) -> list[dict[str, object]]:
+    return [{"name": name} for name in ("fmi-functions.c", f"{module.name}.c")]
+
+
+def fmi2_description(module: SourceModule, token: str) -> str:
+    """Return the text of modelDescription.xml for FMI 2.0; `token` identifies the model."""
+    found = variables(module)
+    index = {variable.reference: k for k, variable in enumerate(found, 1)}
+    scalars: list[str] = []
+    for variable in found:
+        real = element("Real", _real(variable, index.get(variable.of, 0)))
+        scalars += element("ScalarVariable", _attributes(variable), real)
+    rates = [{"index": index[variable.reference]} for variable in found if variable.kind == DERIVATIVE]
+    states = [index[variable.reference] for variable in found if variable.kind == STATE]
+    outputs = ({"index": k, "dependencies": k, "dependenciesKind": "constant"} for k in states)
+    structure = [
+        *element("Outputs", {}, elements("Unknown", outputs)),
+        *element("Derivatives", {}, elements("Unknown", rates)),
+        *element("InitialUnknowns", {}, elements("Unknown", rates)),
+    ]
+    parts = [*element("ModelVariables", {}, scalars), *element("ModelStructure", {}, structure)]
+    sources = element("SourceFiles", {}, elements("File", _source_names(module)))
+    events = sum(variable.kind == INDICATOR for variable in found)
+    interfaces = _interfaces(module, "FMUstate", "providesDirectionalDerivative", sources)
+    return _description(module, "2.0", ("guid", token), interfaces, parts, events)
+
+
+def fmi3_description(module: SourceModule, token: str) -> str:
+    """Return the text of modelDescription.xml for FMI 3.0; `token` identifies the model."""
+    found = variables(module)
+    time = {"name": "time", "valueReference": 0, "causality": "independent", "variability": "continuous"}
+    rows = [time | {"unit": module.units.get("t", "")}]
+    rows += [_attributes(variable) | _real(variable, variable.of) for variable in found]
+    structure: list[str] = []
+    for tag, kind in (
+        ("Output", STATE),
+        ("ContinuousStateDerivative", DERIVATIVE),
+        ("InitialUnknown", DERIVATIVE),
+        ("EventIndicator", INDICATOR),
+    ):
+        for reference in (variable.reference for variable in found if variable.kind == kind):
+            constant = {"dependencies": reference, "dependenciesKind": "constant"} if tag == "Output" else {}
+            structure += element(tag, {"valueReference": reference, **constant})
+    parts = [
+        *element("ModelVariables", {}, elements("Float64", rows)),
+        *element("ModelStructure", {}, structure),
+    ]
+    interfaces = _interfaces(module, "FMUState", "providesDirectionalDerivatives")
+    return _description(module, "3.0", ("instantiationToken", token), interfaces, parts)
+
+
+def build_description(module: SourceModule) -> str:
+    """Return the text of sources/buildDescription.xml for FMI 3.0: how the sources are compiled."""
+    files = element("SourceFileSet", {"language": "C99"}, elements("SourceFile", _source_names(module)))
+    inside = [*files, *element("Library", {"name": "m"})]
+    configuration = element("BuildConfiguration", {"modelIdentifier": module.name}, inside)
+    return document(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration))
+
+
+def model_header(module: SourceModule, token: str, version: int) -> str:
+    """Return the C header of an FMU: the major `version` of FMI, `token`, sizes, functions and the initial state."""
+    run, integrator = _run_of(module)
+    name, first = module.name, places(module)
+    quantities = [quantity.name for quantity in module.quantities]
+    events = module.quantity("events")
+    sizes = {
+        "TOKEN": f'"{token}"',
+        "STATES": len(module.state),
+        "PARAMETERS": len(module.parameters),
+        "FIRST_INPUT": len(module.parameters) - len(module.inputs),
+        "PREPARED": max(module.prepared, 1),
+        "QUANTITIES": len(quantities),
+        "RESULTS": sum(len(quantity.results) for quantity in module.quantities),
+        "INDICATORS": 0 if events is None else len(events.results),
+        "FIRST_INDICATOR": first.get("events", 0),
+        **({"JACOBIAN": quantities.index("jacobian")} if "jacobian" in quantities else {}),
+        "RTOL": LITERALS.real(run.rtol),
+        "PREPARE": f"{name}_prepare",
+        "DEFAULTS": f"{name}_default_parameters",
+        "RUN": f"{name}_{integrator.name}",
+    }
+    base = 1 + len(module.state) + len(module.parameters)
+    lines = [
+        *statement_comment(module),
+        "",
+        "#ifndef Model_H",
+        "#define Model_H",
+        "",
+        f'#include "{name}.h"',
+        "",
+        f"#define FMI_VERSION {version}",
+        *(f"#define Model_{key} {value}" for key, value in sizes.items()),
+        "",
+        "/* A function of time, state and prepared numbers, and the place of its first result. */",
+        "typedef struct {",
+        "    int (*function)(double t, const double *y, const double *p, double *out);",
+        "    int first;",
+        "} Quantity;",
+        "",
+        "static const Quantity model_quantities[] = {",
+        *(f"    {{{name}_{quantity}, {first[quantity] - base}}}," for quantity in quantities),
+        "};",
+        "",
+        *continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};"),
+        "",
+        "static const char *model_outcome(int outcome) {",
+        "    switch (outcome) {",
+        *(f'    case {int(code)}:\n        return "{text}";' for code, text in OUTCOMES.items()),
+        "    default:",
+        '        return "the run stopped";',
+        "    }",
+        "}",
+        "",
+        "#endif",
+    ]
+    return "\n".join([*lines, ""])
+
 
 DATE = (1980, 1, 1, 0, 0, 0)
 """Date of every file in the archive. It is constant, so that one statement always gives the same bytes."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from lagrange.export.descriptions import (
     about_of,
@@ -17,16 +20,304 @@ from lagrange.export.descriptions import (
     statuses,
 )
 from lagrange.export.identifiers import commented, continued
-from lagrange.export.languages.javascript_printer import (
-    LITERALS,
-    File,
-    function,
-    helper_lines,
-    shifted_parameters,
-)
+from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
+from lagrange.export.languages.c_printer import BracedPrinter
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
+from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
+from lagrange.procedure.source_printer import results_of
+from lagrange.procedure.spelling import ATOM, Literals, Operator
+
+OPERATORS: Mapping[str, Operator] = {
+    **C_OPERATORS,
+    "equal": C_OPERATORS["equal"]._replace(text="{0} === {1}"),
+    "quotient": Operator(ATOM, "Math.trunc({0} / {1})", C_OPERATORS["div"].operands),
+}
+
+LITERALS = Literals("Infinity", "NaN")
+
+_MATH = (
+    *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
+)
+FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
+"""Functions of the language by operation. They return NaN or infinity outside of their domain."""
+
+_BITS = "const bits = new DataView(new ArrayBuffer(8));"
+
+HELPERS: Mapping[str, tuple[str, str]] = {
+    "power": (
+        "power",
+        """\
+// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.
+function power(x, y) {
+    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);
+}""",
+    ),
+    "magnitude": (
+        "magnitude",
+        """\
+function magnitude(a, b) {
+    return Math.max(Math.abs(a), Math.abs(b));
+}""",
+    ),
+    "copysign": (
+        "copysign",
+        """\
+function copysign(x, y) {
+    const size = Math.abs(x);
+    return y < 0 || Object.is(y, -0) ? -size : size;
+}""",
+    ),
+    "round": (
+        "round_even",
+        """\
+// The sum has no digits behind the point, and is rounded to the nearest, ties to even.
+function round_even(x) {
+    if (!(Math.abs(x) < 4503599627370496)) {
+        return x;
+    }
+    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;
+    return x < 0 || Object.is(x, -0) ? -size : size;
+}""",
+    ),
+    "two_to": (
+        "two_to",
+        """\
+function two_to(k) {
+    bits.setUint32(0, (k + 1023) << 20);
+    bits.setUint32(4, 0);
+    return bits.getFloat64(0);
+}""",
+    ),
+    "exponent": (
+        "exponent",
+        """\
+function exponent(x) {
+    bits.setFloat64(0, x);
+    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;
+}""",
+    ),
+    "mantissa": (
+        "mantissa",
+        """\
+function mantissa(x) {
+    bits.setFloat64(0, x);
+    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);
+    return bits.getFloat64(0);
+}""",
+    ),
+}
+"""Helper functions for operations that JavaScript lacks: name and definition."""
+
+
+def helper_lines(ops: Mapping[str, None]) -> list[str]:
+    """Return the definitions of the helper functions that the operations `ops` need."""
+    lines = [_BITS, ""] if any("bits." in HELPERS[op][1] for op in ops) else []
+    return [*lines, *(line for op in sorted(ops) for line in (*HELPERS[op][1].splitlines(), ""))]
+
+
+_RESERVED = (
+    "arguments async await break case catch class const continue debugger default delete do else enum eval "
+    "export extends false finally for function get if implements import in instanceof interface let new null "
+    "of package private protected public return set static super switch this throw true try typeof var void "
+    "while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String "
+    "console globalThis process undefined bits check_length test main default_parameters state_names parameter_names "
+    "y p out t h parameters "
+)
+RESERVED = (*_RESERVED.split(),)
+"""Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
+
+
+Shifted = Mapping[Procedure, frozenset[int]]
+"""Indices of the array parameters of each procedure for which the caller passes an offset, too."""
+
+
+def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
+    """Return for each procedure the indices of its array parameters that need an offset.
+
+    A parameter needs one if some call passes a subarray, or if `always` lists it. `procedures` are ordered, callees
+    before their callers.
+    """
+    shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
+    for caller in reversed(procedures):
+        own_refs = [procedure.ref for place, procedure in enumerate(caller.parameters) if place in shifted[caller]]
+        moved = frozenset((*own_refs, *(part.ref for part in _parts(caller.body))))
+        for call in calls(caller.body):
+            if isinstance(call.callee, Procedure):
+                shifted[call.callee] |= {place for place, arg in enumerate(call.args) if arg in moved}
+    return shifted
+
+
+def _parts(block: Block) -> Iterator[Part]:
+    for statement in block:
+        if isinstance(statement, Part):
+            yield statement
+        for one in inner(statement):
+            yield from _parts(one)
+
+
+class Place(NamedTuple):
+    """An offset in an array: the sum of the variables `names` and a number; `array` is the number of the array."""
+
+    array: int
+    names: tuple[str, ...] = ()
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class File:
+    """Names and helpers that the functions of a file share.
+
+    - `shifted` has for each procedure the indices of its array parameters with an offset.
+    - `public` are the procedures that users call, and `functions` the names of all functions.
+    - `lengths` has the checked lengths of array arguments, for procedures that check them.
+    - `memory` collects the declarations of local arrays and records by name.
+    - `needed` collects the operations whose definitions the file needs.
+    """
+
+    shifted: Shifted
+    public: Sequence[Procedure]
+    functions: Sequence[str]
+    lengths: Mapping[Procedure, Mapping[str, int]] = field(default_factory=dict)
+    memory: dict[str, str] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
+
+
+def function(procedure: Procedure, file: File) -> str:
+    """Return a procedure as a function, and record in `file` the helpers and local arrays that it needs."""
+    return _JavaScriptPrinter(procedure, file).function()
+
+
+def results_name(procedure: Procedure) -> str:
+    """Return the name of the object into which a procedure with several results writes them."""
+    return f"{procedure.name}_results"
+
+
+class _JavaScriptPrinter(BracedPrinter):
+    language = "JavaScript"
+    operators = OPERATORS
+    literals = LITERALS
+    functions = FUNCTIONS
+    helpers = HELPERS
+    index_type = "let"
+
+    def __init__(self, procedure: Procedure, file: File) -> None:
+        self.file = file
+        self.offsets: list[str] = []
+        self.places: dict[int, Place] = {}
+        super().__init__(procedure, file.needed, (*RESERVED, *map(results_name, procedure.callees)))
+
+    def head(self) -> list[str]:
+        public = self.procedure in self.file.public
+        texts = [self.text(parameter.ref) for parameter in self.procedure.parameters]
+        texts += [f"{parameter}{' = 0' if public else ''}" for parameter in self.offsets]
+        about = commented(self.procedure.about, "//")
+        head = f"{'export ' if public else ''}function {self.procedure.name}({', '.join(texts)}) {{"
+        lengths = self.file.lengths.get(self.procedure, {}).items()
+        return [*about, head, *(f'{self.indent}check_length("{name}", {name}, {least});' for name, least in lengths)]
+
+    def name_parameters(self) -> None:
+        super().name_parameters()
+        for k, parameter in enumerate(self.procedure.parameters):
+            if k in self.file.shifted[self.procedure]:
+                self.offsets.append(self.name(-1 - parameter.ref, f"{parameter.name}_at"))
+                self.places[parameter.ref] = Place(parameter.ref, (self.offsets[-1],))
+
+    def operation(self, let: Let) -> tuple[int, str]:
+        if let.op in ("real", "whole"):
+            (arg,), (level, _) = let.args, self.texts[let.args[0]]
+            if self.types[arg] is FLAG:
+                return ATOM, f"Number({self.text(arg)})"
+            return (level, self.text(arg)) if let.op == "real" else (ATOM, f"Math.trunc({self.text(arg)})")
+        return super().operation(let)
+
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        return f"const {name} = {text};"
+
+    def declare(self, name: str, kind: Kind, text: str) -> str:
+        return f"let {name} = {text};"
+
+    def element(self, array: int, place: int) -> str:
+        begin, terms = self.place_of(array), tuple[str, ...]()
+        if place not in self.constants:
+            terms = (self.text(place, self.operators["add"].binds),)
+        index = summed((*begin.names, *terms), begin.number + self.constants.get(place, 0))
+        return f"{self.text(begin.array)}[{index}]"
+
+    def reserve(self, ref: int, array: Array) -> None:
+        name = self.memory_name(ref)
+        self.file.memory[name] = f"const {name} = new Float64Array({array.length});"
+
+    def reserve_record(self, ref: int, record: Record) -> None:
+        name = self.memory_name(ref)
+        fields = [field for field, _ in record.fields]
+        self.file.memory[name] = f"const {name} = {{ {', '.join(f'{field}: 0' for field in fields)} }};"
+        for name_of_field in fields:
+            self.put(f"{name}.{name_of_field} = 0;")
+
+    def memory_name(self, ref: int) -> str:
+        """Return the name in the file of the local array or record number `ref`."""
+        stem = self.procedure.names.get(ref, f"x{ref}")
+        name = self.name(ref, f"{self.procedure.name}_{stem}")
+        while name in self.file.memory or name in self.file.functions:
+            name = self.name(ref, f"{name}_{ref}")
+        return name
+
+    def call(self, call: Call) -> None:
+        callee = call.callee
+        assert isinstance(callee, Procedure)
+        places = [self.place_of(arg) for arg in call.args]
+        args = [self.text(place.array) for place in places]
+        args += [summed(place.names, place.number) for k, place in enumerate(places) if k in self.file.shifted[callee]]
+        called = f"{callee.name}({', '.join(args)})"
+        kinds = results_of(self, call)
+        if len(kinds) != 1 or call.refs[0] not in self.uses:
+            self.write(f"{called};")
+        for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
+            self.types[ref] = kind
+            if ref in self.uses:
+                self.write(
+                    self.define(self.name(ref), kind, called if len(kinds) == 1 else f"{results_name(callee)}.r{k}")
+                )
+
+    def leave(self, values: Sequence[int]) -> None:
+        if len(values) < 2:
+            self.write(f"return {self.text(values[0])};" if values else "return;")
+            return
+        name = results_name(self.procedure)
+        zeros = [f"r{k}: {'false' if kind is FLAG else 0}" for k, kind in enumerate(self.procedure.results)]
+        self.file.memory[name] = f"const {name} = {{ {', '.join(zeros)} }};"
+        for k, value in enumerate(values):
+            self.write(f"{name}.r{k} = {self.text(value)};")
+        self.put("return;")
+
+    def part(self, part: Part) -> None:
+        """Record the whole array and the offset of a subarray; an offset that is not constant becomes a variable."""
+        whole = self.place_of(part.array)
+        if part.start in self.constants:
+            self.places[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
+            return
+        text = self.text(part.start)
+        self.write(self.define(self.name(part.ref), WHOLE, text))
+        self.places[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
+
+    def place_of(self, array: int) -> Place:
+        """Return the whole array of a subarray and its offset there; a whole array is returned with the offset 0."""
+        return self.places.get(array, Place(array))
+
+
+def summed(terms: tuple[str, ...], number: int) -> str:
+    """Return the text of a sum of terms and a number. A number at the end of the last term is added to it."""
+    if not terms:
+        return str(number)
+    *rest, last = terms
+    match = re.fullmatch(r"(.*\S) \+ (\d+)", last)
+    if match:
+        last, number = match.group(1), number + int(match.group(2))
+    text = " + ".join([*rest, last])
+    return text if number == 0 else f"{text} {'+' if number > 0 else '-'} {abs(number)}"
 
 
 @register
@@ -117,8 +408,6 @@ def constants(module: SourceModule) -> Iterator[str]:
         arguments = ", ".join(parameter.name for parameter in procedure.parameters)
         yield from commented(f"{procedure.name}({arguments}): {about_of(module, procedure)}", "//")
 
-
-# --- the programs
 
 SCRIPT = Script(
     comment=marked("//"),

@@ -188,7 +188,14 @@ class Player {
             }));
             limits = bounds(0, size / 2);
         } else if (what === "drift") {
-            rows = [{ name: data.kept ? "(E − E₀) relative" : "change of E", colour: look.ink, value: (at) => motion.drifts[at] }];
+            const [letter] = data.energies;
+            rows = [
+                {
+                    name: data.kept ? `(${letter} − ${letter}₀) relative` : `change of ${letter}`,
+                    colour: look.ink,
+                    value: (at) => motion.drifts[at],
+                },
+            ];
             limits = (data.kept ? aboutZero : around)(motion.low[size + 3], motion.high[size + 3]);
         } else {
             const colours = [look.ink, look.colours[0], look.colours[1]];

@@ -153,7 +153,10 @@ class Picture {
             } else {
                 line(at(room[2][0]), at(room[2][1]), look.quiet);
             }
-            const write = (text, [x, y], far) => context.fillText(text, x + far * away[0], y + far * away[1]);
+            const write = (text, [x, y], far) => {
+                const half = context.measureText(text).width / 2 + 2; // a text at the left edge is not cut
+                context.fillText(text, Math.max(half, x + far * away[0]), Math.max(8, y + far * away[1]));
+            };
             ticks.forEach((value, n) => write(texts[n], pixel(at(value)), k < 2 ? 13 : 18));
             const label = [unit ? `${name} (${unit})` : name, factor].filter(Boolean).join(" in ");
             const [x, y] = pixel(at(k < 2 ? (room[k][0] + room[k][1]) / 2 : room[2][1]));

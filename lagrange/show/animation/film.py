@@ -116,11 +116,11 @@ def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
     """Return the panels over time of a recording: energies, and coordinates if no points are named."""
     panels = [] if recording.points else _coordinates(recording, style)
     if recording.energies:
-        names, zero = tuple(recording.energies), recording.zero
-        shades = (style.ink,) if len(names) == 1 else (*colours(2, style.colours), style.ink)
-        title = "energy" if len(names) == 1 else "energies, V and E above the least V" if zero else "energies"
+        count, zero, letter = len(recording.energies), recording.zero, recording.energy_letter
+        shades = (style.ink,) if count == 1 else (*colours(2, style.colours), style.ink)
+        title = "energy" if count == 1 else f"energies, V and {letter} above the least V" if zero else "energies"
         rows = np.array([row if name == "T" else row - zero for name, row in recording.energies.items()])
-        labels = tuple(f"${name}$" for name in names)
+        labels = tuple(f"${letter if name == 'E' else name}$" for name in recording.energies)
         title = with_unit(title, energy_unit(recording.statement))
         panels.append(Rows(title, rows, labels, shades, recording.energy_size))
     return panels
@@ -177,20 +177,16 @@ class Film:
     def frame(self, number: int) -> Pixels:
         """Draw frame `number` and return its pixels. The next frame overwrites this array."""
         t = float(self.timing.t[number])
-        return self._drawn.at(number * self.recording.detail, self.clock_text(t))
+        text = f"{t:.{self.decimals}f}"
+        text = text if float(text) else text.replace("-", "")
+        unit = unit_of(self.recording.statement, "t")
+        return self._drawn.at(number * self.recording.detail, f"t = {text.replace('-', '−')} {unit}".rstrip())
 
     @property
     def palette(self) -> tuple[str, ...]:
         """All colours of the picture as #rrggbb, the background first."""
         style, shades = self.style, [colour for part in (self.scene, *self.panels) if part for colour in part.colours]
         return (*dict.fromkeys((style.paper, style.ink, style.quiet, style.grid, *shades)),)
-
-    def clock_text(self, t: float) -> str:
-        """Return the text that shows the time `t` in a frame."""
-        text = f"{t:.{self.decimals}f}"
-        text = text if float(text) else text.replace("-", "")
-        unit = unit_of(self.recording.statement, "t")
-        return f"t = {text.replace('-', '−')} {unit}".rstrip()
 
 
 class _FilmFigure:

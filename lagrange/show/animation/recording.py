@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.animation.timing import Timing
 from lagrange.show.states_between_outputs import known_alone, states_for_pictures
+from lagrange.show.units import energy_letter
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.points import points_at
 from lagrange.trajectory.solution import Solution
@@ -50,6 +51,7 @@ class Recording:
     kept: bool
     jumps: NDArray[np.intp]
     detail: int
+    energy_letter: str = "E"
     energy_size: float = 0.0
     """Largest magnitude of the terms that are added to the energies. Changes smaller than its rounding noise are drawn
     as a level line."""
@@ -102,7 +104,8 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     change = (energies["E"] - energies["E"][0]) / (size or 1.0) if energies else np.empty(0)
     kept = bool(energies) and bool(solution.drift.conserved)
     jumps = _jumps(solution, t)
-    return Recording(solution.model.statement, t, states, points, energies, change, kept, jumps, detail, size)
+    letter = energy_letter(solution.model.equations)
+    return Recording(solution.model.statement, t, states, points, energies, change, kept, jumps, detail, letter, size)
 
 
 THINNING_ERROR = 1e-3

@@ -20,13 +20,8 @@ LEAST_FPS, MOST_FPS = 1.0, 60.0
 SHORTEST_RUN = 1.0
 """Duration in seconds below which a run is slowed down, unless a speed is given."""
 
-_SPELLED = 1e12
-"""Largest count that is written with all digits."""
-
 _TINY = 1e-290
 """Duration of a run below which its speed overflows a double."""
-
-_ROUND = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +76,10 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
         )
     if frame_count < MOST_FRAMES:
         frames = max(1, round(frame_count))
-        return Timing(np.linspace(span[0], span[1], frames + 1), seconds / frames, pace, _said(speed, pace, whole))
+        how = f"{pace:g} units" if pace > 1 else f"{pace:g} of a unit"
+        note = f"The run lasts {whole:.6g} units of time: {how} are shown in a second. speed = 1 is real time."
+        notes = () if speed is not None or pace == 1.0 else (note,)
+        return Timing(np.linspace(span[0], span[1], frames + 1), seconds / frames, pace, notes)
     return _cut(span, fps, pace)
 
 
@@ -91,22 +89,12 @@ def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
     t: FloatArray = span[0] + direction * np.arange(float(MOST_FRAMES))
     needed = abs(span[1] - span[0]) / speed * fps
     whole = _rounded_up(speed * needed / (MOST_FRAMES - 1))
+    frames = f"{needed + 1:,.0f}" if needed < 1e12 else f"{needed:.3g}"
     note = (
-        f"The first {MOST_FRAMES:,} of {_counted(needed + 1)} frames are shown, to t = {t[-1]:.6g}: more are too many. "
+        f"The first {MOST_FRAMES:,} of {frames} frames are shown, to t = {t[-1]:.6g}: more are too many. "
         f"speed = {whole:g} shows the whole run."
     )
     return Timing(t, 1.0 / fps, speed, (note,))
-
-
-def _counted(frames: float) -> str:
-    return f"{frames:,.0f}" if frames < _SPELLED else f"{frames:.3g}"
-
-
-def _said(speed: float | None, pace: float, whole: float) -> tuple[str, ...]:
-    if speed is not None or pace == 1.0:
-        return ()
-    how = f"{pace:g} units" if pace > 1 else f"{pace:g} of a unit"
-    return (f"The run lasts {whole:.6g} units of time: {how} are shown in a second. speed = 1 is real time.",)
 
 
 def _fitting(whole: float, fps: float) -> float:
@@ -125,4 +113,4 @@ def _fitting(whole: float, fps: float) -> float:
 def _rounded_up(value: float) -> float:
     """Return the least number not below `value` that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value))
-    return next(digit * power for digit in (*_ROUND, 10.0) if digit * power >= value * (1 - 1e-12))
+    return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= value * (1 - 1e-12))

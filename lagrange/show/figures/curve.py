@@ -239,15 +239,7 @@ def over_time(
     rows = values(t)
     height = _extents(rows, axis=(0, 1) if together else 1)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
-    some = np.asarray(height) > 0
-    some = np.asarray(span) > 0
-    scale = np.stack(
-        np.broadcast_arrays(
-            np.where(some, pixels.width / np.where(some, span, 1.0), 0.0),
-            np.where(some, pixels.height / np.where(some, height, 1.0), 0.0),
-        ),
-        axis=-1,
-    )
+    scale = np.stack(np.broadcast_arrays(_pixels_in(pixels.width, span), _pixels_in(pixels.height, height)), axis=-1)
     times, states = _refined(values, t, rows, _over, np.broadcast_to(scale, (len(rows), 2)), rounds)
     return [thinned(times, row, pixels) for row in states]
 
@@ -258,9 +250,7 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = Tru
     `points(t)` returns the points at times (K,). They fill the panel; with `equal` both directions have the same scale.
     """
     found = points(t)
-    extent = _extents(found, axis=(0, 2))
-    some = np.asarray(extent) > 0
-    scale = np.where(some, np.array([pixels.width, pixels.height]) / np.where(some, extent, 1.0), 0.0)
+    scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(found, axis=(0, 2)))
     if equal:
         scale = np.full(2, np.min(scale))
     shape = (len(found), 2)
@@ -288,6 +278,12 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
     low = np.min(values, axis=axis, initial=np.inf, where=finite)
     high = np.max(values, axis=axis, initial=-np.inf, where=finite)
     return np.where(high - low > LEVEL_RANGE * np.maximum(np.abs(low), np.abs(high)), high - low, 0.0)
+
+
+def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
+    """Return the number of pixels per unit; 0 if the extent is 0."""
+    some = np.asarray(extent) > 0
+    return np.where(some, pixels / np.where(some, extent, 1.0), 0.0)
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:

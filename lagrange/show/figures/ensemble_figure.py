@@ -18,6 +18,7 @@ from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, sa
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, style_of
 from lagrange.show.notation.symbols import letter_of
 from lagrange.show.units import unit_of, with_unit
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -105,10 +106,12 @@ def label_of(runs: Ensemble, name: str) -> str:
         event = runs.problem.events[int(match[1])]
         written = formula(event.expression.xreplace(dict(statement.plain)), 40)
         return with_unit(f"first time of {written} = 0", unit_of(statement, "t"))
-    return with_unit(
-        (f"${letter_of(name)}$" if any(parameter.name == name for parameter in statement.parameters) else name),
-        unit_of(statement, name),
-    )
+    return with_unit(_parameter(statement, name), unit_of(statement, name))
+
+
+def _parameter(statement: Statement, name: str) -> str:
+    """Return the name of a parameter as mathematics, and any other name unchanged."""
+    return f"${letter_of(name)}$" if any(parameter.name == name for parameter in statement.parameters) else name
 
 
 def first_drawn(runs: Ensemble) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.dynamics.mode_shapes import ModeShapes
 from lagrange.errors import StatementError, counted
@@ -81,9 +82,13 @@ def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
     dress(axis, look, _title(shapes, k))
     axis.grid(visible=False, axis="x")
     axis.set(ylim=(-1.15, 1.15), yticks=[-1, 0, 1])
+    _name_coordinates(axis, shapes, positions)
+
+
+def _name_coordinates(axis: Axes, shapes: ModeShapes, places: NDArray[Any]) -> None:
     symbols = letters(shapes.names)
-    step = 1 + (len(positions) - 1) // 12
-    axis.set_xticks(positions[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
+    step = 1 + (len(places) - 1) // 12
+    axis.set_xticks(places[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
 
 
 def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
@@ -95,9 +100,7 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
     axis.axhline(0.0, color=look.quiet, linewidth=0.8)
     dress(axis, look, f"{shapes.statement.name}: shapes of modes")
     axis.grid(visible=False, axis="x")
-    symbols = letters(shapes.names)
-    step = 1 + (len(positions) - 1) // 12
-    axis.set_xticks(positions[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
+    _name_coordinates(axis, shapes, positions)
     axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
 
 

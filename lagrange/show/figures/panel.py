@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.symbols import letter_of, letters
 from lagrange.show.notation.text import Notation
-from lagrange.show.units import energy_unit, unit_of, with_unit
+from lagrange.show.units import energy_letter, energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import as_typed
 from lagrange.statement.expression import expression as expression_of
@@ -102,33 +103,28 @@ def entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bo
 def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> PanelQuantity:
     keys = [f"{name}_dot" if rate else name for name in names]
     units = list(dict.fromkeys(unit_of(statement, key) for key in keys))
+    if len(names) > 1:
+        title = f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
+    else:
+        title = "" if len(names[0]) <= _SHORT else f"{'velocity of ' if rate else ''}{names[0]}"
     return PanelQuantity(
-        _above(names, rate=rate),
+        title,
         tuple(f"${entry(statement, key)}$" for key in keys),
         lambda run: np.array([run[key] for key in keys]),
         units[0] if len(units) == 1 else "",
     )
 
 
-def _above(names: Sequence[str], *, rate: bool) -> str:
-    """Return the title of a panel of coordinates, or of velocities with `rate`; empty if its label is enough."""
-    prefix = "velocity of " if rate else ""
-    if len(names) > 1:
-        return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
-    return "" if len(names[0]) <= _SHORT else f"{prefix}{names[0]}"
-
-
 def energies(solution: Solution) -> PanelQuantity:
-    """Return the energies T, V and E = v.p - L as one quantity, or only E if a Lagrangian was stated."""
+    """Return T, V and the energy v.p - L as one quantity, or only the energy if a Lagrangian was stated."""
     statement = solution.model.statement
-    parts = [("T", statement.kinetic), ("V", statement.potential)]
-    stated = [] if statement.lagrangian_alone else parts
-
-    def values(run: Solution) -> FloatArray:
-        return np.array([*(run.evaluate(part) for _, part in stated), run.energy])
-
-    labels = (*(f"${name}$" for name, _ in stated), "$E$")
-    return PanelQuantity("energies" if stated else "energy", labels, values, energy_unit(statement))
+    parts = {} if statement.lagrangian_alone else {"T": statement.kinetic, "V": statement.potential}
+    return PanelQuantity(
+        "energies" if parts else "energy",
+        tuple(f"${name}$" for name in (*parts, energy_letter(solution.model.equations))),
+        lambda run: np.array([*map(run.evaluate, parts.values()), run.energy]),
+        energy_unit(statement),
+    )
 
 
 def energy(solution: Solution) -> PanelQuantity:
@@ -136,22 +132,23 @@ def energy(solution: Solution) -> PanelQuantity:
 
     The quantity has no row if the energy has no value at some state.
     """
+    letter = energy_letter(solution.model.equations)
     if not solution.has_energy:
         return PanelQuantity(
             "energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t)))
         )
     drift = solution.drift
     if not drift.conserved:
-        title = f"energy ({drift.unkept})"
-        return PanelQuantity(title, ("$E$",), lambda run: run.energy[None], energy_unit(solution.model.statement))
+        unit = energy_unit(solution.model.statement)
+        return PanelQuantity(f"energy ({drift.unkept})", (f"${letter}$",), lambda run: run.energy[None], unit)
     scale = drift.scale if drift.scale > 0 else 1.0
-    kept = "E + energy lost" if solution.contacts else "E"
-    title = f"energy drift: ({kept} − E₀) relative to {drift.against}"
-
-    def values(run: Solution) -> FloatArray:
-        return np.asarray((run.energy + run.energy_lost)[None] - drift.first) / scale
-
-    return PanelQuantity(title, ("$E$",), values, "", drift=True)
+    kept = f"{letter} + energy lost" if solution.contacts else letter
+    return PanelQuantity(
+        f"energy drift: ({kept} − {letter}₀) relative to {drift.against}",
+        (f"${letter}$",),
+        lambda run: ((run.energy + run.energy_lost)[None] - drift.first) / scale,
+        drift=True,
+    )
 
 
 def momenta(solution: Solution) -> PanelQuantity | None:
@@ -159,10 +156,11 @@ def momenta(solution: Solution) -> PanelQuantity | None:
     names = list(solution.momentum_drift)[:MOST_LINES]
     if not names:
         return None
-    title = f"drift of {listing(names)} relative to the largest term"
-    labels = tuple(f"${letter_of(name)}$" for name in names)
     return PanelQuantity(
-        title, labels, lambda run: np.array([run.momentum_drift[name] for name in names]), "", drift=True
+        f"drift of {listing(names)} relative to the largest term",
+        tuple(f"${letter_of(name)}$" for name in names),
+        lambda run: np.array([run.momentum_drift[name] for name in names]),
+        drift=True,
     )
 
 
@@ -175,40 +173,43 @@ def invariants(solution: Solution) -> list[PanelQuantity]:
         name = solution.model.statement.name
         raise StatementError(f"nothing was found that {name} conserves: there are no invariants to plot.")
     sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
-    return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
-
-
-def _invariant(name: str, first: float, size: float) -> PanelQuantity:
-    scale, against = (size, " relative to the size of its terms") if size > 0 else (1.0, ", which is 0 at every output")
-
-    def values(run: Solution) -> FloatArray:
-        return np.asarray((run.invariants[name][None] - first) / scale)
-
-    return PanelQuantity(f"drift of {name}{against}", (name,), values, "", drift=True)
+    quantities = []
+    for name, along in solution.invariants.items():
+        against = " relative to the size of its terms" if sizes[name] > 0 else ", which is 0 at every output"
+        first, scale = along[0], sizes[name] if sizes[name] > 0 else 1.0
+        quantities.append(
+            PanelQuantity(
+                f"drift of {name}{against}",
+                (name,),
+                partial(
+                    lambda name, first, scale, run: (run.invariants[name][None] - first) / scale, name, first, scale
+                ),
+                drift=True,
+            )
+        )
+    return quantities
 
 
 def multipliers(solution: Solution) -> list[PanelQuantity]:
     """Return the multiplier of each constraint over time, one quantity for each."""
-    names = list(solution.multipliers)
-    if not names:
+    if not solution.multipliers:
         raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
-    return [_multiplier(name) for name in names]
-
-
-def _multiplier(name: str) -> PanelQuantity:
-    title = "" if len(name) <= _SHORT else f"multiplier of {name}"
-    label = rf"$\lambda_{{{letter_of(name, literal=True)}}}$"
-    return PanelQuantity(title, (label,), lambda run: run.multipliers[name][None])
+    return [
+        PanelQuantity(
+            "" if len(name) <= _SHORT else f"multiplier of {name}",
+            (rf"$\lambda_{{{letter_of(name, literal=True)}}}$",),
+            partial(lambda name, run: run.multipliers[name][None], name),
+        )
+        for name in solution.multipliers
+    ]
 
 
 def violation(solution: Solution) -> PanelQuantity:
     """Return the largest violation of the constraints over time, relative to the sizes of the constraints' terms."""
-    if not solution.model.statement.constraints:
-        raise StatementError(
-            f"{solution.model.statement.name} has no constraints, and so no violation of them to plot."
-        )
-    title = "largest violation of a constraint, relative to its terms"
-    return PanelQuantity(title, ("violation",), lambda run: run.constraint_error[None], "", drift=True)
+    statement, title = solution.model.statement, "largest violation of a constraint, relative to its terms"
+    if not statement.constraints:
+        raise StatementError(f"{statement.name} has no constraints, and so no violation of them to plot.")
+    return PanelQuantity(title, ("violation",), lambda run: run.constraint_error[None], drift=True)
 
 
 def expression(solution: Solution, given: Any) -> PanelQuantity:
@@ -218,17 +219,12 @@ def expression(solution: Solution, given: Any) -> PanelQuantity:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
     formula = expression_of(given, "what")
     solution.evaluate(formula)  # raises for symbols that the system does not have
-    text = formula_label(solution.model.statement, as_typed(given, "what"))
+    typed, statement = as_typed(given, "what"), solution.model.statement
+    text = f"${Typesetter(statement, LatexNotation()).write(typed)}$"
+    if len(text) > _LONGEST or "\\begin" in text:
+        text = Typesetter(statement, Notation()).write(typed)
+        text = text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
     return PanelQuantity(text, (text,), lambda run: run.evaluate(formula)[None])
-
-
-def formula_label(statement: Statement, given: Any) -> str:
-    """Return an expression as mathematics for Matplotlib, or as short text."""
-    formula = f"${Typesetter(statement, LatexNotation()).write(given)}$"
-    if len(formula) <= _LONGEST and "\\begin" not in formula:
-        return formula
-    text = Typesetter(statement, Notation()).write(given)
-    return text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
 
 
 def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Figure, Axes]:
@@ -260,8 +256,7 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle
         bar.set_ticks(ticks, labels=[number_labels([tick])[0] for tick in ticks])
         bar.minorticks_off()
     bar.ax.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=8)
-    outline: Any = bar.outline
-    outline.set_edgecolor(style.quiet)
+    bar.outline.set(edgecolor=style.quiet)
 
 
 def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:

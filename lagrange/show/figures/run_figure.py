@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import islice
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,31 +84,26 @@ class Contents:
         match name:
             case "coordinates" | "velocities":
                 return self._rows(self.chosen, rate=name == "velocities")
+            case "phase" if len(self.chosen) > _MOST_PHASES:
+                raise StatementError(
+                    f"there are {len(self.chosen)} phase planes, and a figure has up to {_MOST_PHASES}: choose "
+                    f"coordinates with of=, such as of={self.chosen[0]!r}."
+                )
             case "phase":
-                return self._phases()
+                return [PhasePanel(name, self.solutions, self.labels) for name in self.chosen]
             case "invariants":
                 return self._each(quantities.invariants)
             case "multipliers":
                 return self._each(quantities.multipliers)
             case "path":
-                return self._paths() or self._refuse_paths()
+                if paths := self._paths():
+                    return paths
+                raise StatementError(
+                    f"{self.solutions[0].model.statement.name} has no named points: state positions="
+                    "{'bob': (x, y)} to see their paths, or draw its coordinates with what='coordinates'."
+                )
         row = {"energies": quantities.energies, "drift": quantities.energy, "violation": quantities.violation}[name]
         return self._over_time(row, wide=True)
-
-    def _refuse_paths(self) -> NoReturn:
-        raise StatementError(
-            f"{self.solutions[0].model.statement.name} has no named points: state positions={{'bob': (x, y)}} to see "
-            "their paths, or draw its coordinates with what='coordinates'."
-        )
-
-    def _phases(self) -> list[Panel]:
-        """Return the phase planes of the chosen coordinates."""
-        if len(self.chosen) > _MOST_PHASES:
-            raise StatementError(
-                f"there are {len(self.chosen)} phase planes, and a figure has up to {_MOST_PHASES}: choose coordinates "
-                f"with of=, such as of={self.chosen[0]!r}."
-            )
-        return [PhasePanel(name, self.solutions, self.labels) for name in self.chosen]
 
     def _paths(self) -> list[Panel]:
         view = common_view(self.solutions)
@@ -233,18 +228,17 @@ def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> lis
     methods = [run.method for run in solutions]
     if len(set(methods)) == len(methods):
         return methods
-    for values in ([dict(run.parameters) for run in solutions], [_first(run) for run in solutions]):
+    # Rates of bodies come before the entries of their quaternions.
+    rates = [rate for body in map(rotation_of, solutions[0].model.statement.rotations) for rate in body.body]
+    firsts = [
+        {name_of(rate): float(run[rate][0]) for rate in rates} | dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
+        for run in solutions
+    ]
+    for values in ([dict(run.parameters) for run in solutions], firsts):
         keys = [key for key in values[0] if len({label.get(key) for label in values}) == len(values)]
         if keys:
             return [f"{keys[0]} = {label[keys[0]]:.6g}" for label in values]
     return [f"run {k}" for k in range(1, len(solutions) + 1)]
-
-
-def _first(run: Solution) -> dict[Any, float]:
-    """Return the first values of a run by name; rates of bodies come before the entries of their quaternions."""
-    turned = map(rotation_of, run.model.statement.rotations)
-    rates = {name_of(rate): float(run[rate][0]) for each in turned for rate in each.body}
-    return rates | dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
 
 
 def _check_alike(solutions: Sequence[Solution]) -> None:

@@ -195,11 +195,8 @@ def number_labels(values: Sequence[float]) -> list[str]:
     power = floor(log10(size) + 1e-9)
     if _SMALLEST < power < _LARGEST:
         return [_decimal(value, digits) for value in values]
-    return [
-        _decimal(value / 10.0**power, digits + power)
-        + (("·" + ("10" + str(power).translate(_RAISED))) if value else "")
-        for value in values
-    ]
+    suffix = "·10" + str(power).translate(_RAISED)
+    return [_decimal(value / 10.0**power, digits + power) + (suffix if value else "") for value in values]
 
 
 def _digits(gap: float) -> int:

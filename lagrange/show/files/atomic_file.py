@@ -27,18 +27,14 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
     """
     target = real_path(path)
     try:
-        return _write(target, write)
+        part = filled_part(target, write, old_mode(target))
+        try:
+            part.replace(target)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
     except OSError as error:
         raise in_words(target, error) from error
-
-
-def _write(target: Path, write: Writer) -> Path:
-    part = filled_part(target, write, old_mode(target))
-    try:
-        part.replace(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
     sync_folder(target.parent)
     return target
 

@@ -116,7 +116,8 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         raise StatementError(
             f"it has states of shape {y.shape} at {len(t)} times, for a system with {listing(model.layout.names())}."
         )
-    events = range(len(card["events"]))
+    events, prefix = range(len(card["events"])), "contact_"
+    contacts = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
     return Trajectory(
         t=t,
         y=y,
@@ -136,7 +137,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         rtol=card["rtol"],
         atol=card["atol"],
         history=_history(arrays, model),
-        contacts=stored_history(_contacts(arrays), model.statement.contacts) if model.statement.contacts else None,
+        contacts=stored_history(contacts, model.statement.contacts) if model.statement.contacts else None,
     )
 
 
@@ -151,12 +152,6 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
     if history.values.shape[1:] != (len(model.statement.parameters),):
         raise StatementError(f"it has {history.values.shape[1:]} parameters after events, not those of its system.")
     return history
-
-
-def _contacts(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays of a file that describe contacts, by their names without the prefix."""
-    prefix = "contact_"
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:

@@ -29,25 +29,15 @@ def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as PNG of at most `MOST_BYTES`. A larger PNG gets 256 colours, then fewer dots per inch."""
-    drawn = _drawn(figure, dpi)
-    if len(drawn) <= MOST_BYTES:
-        return drawn
-    few = _in_few_colours(drawn)
-    if len(few) <= MOST_BYTES or dpi <= LEAST_DPI:
-        return few
-    return bounded_png(figure, max(LEAST_DPI, dpi * 3 // 4))
-
-
-def _drawn(figure: Figure, dpi: int) -> bytes:
-    file = BytesIO()
-    figure.savefig(file, format="png", dpi=dpi)
-    return file.getvalue()
-
-
-def _in_few_colours(png: bytes) -> bytes:
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", dpi=dpi)
+    if drawn.getbuffer().nbytes <= MOST_BYTES:
+        return drawn.getvalue()
     from PIL import Image  # installed with Matplotlib
 
-    file = BytesIO()
-    with Image.open(BytesIO(png)) as image:
-        image.quantize(256).save(file, format="png", optimize=True)
-    return file.getvalue()
+    few = BytesIO()
+    with Image.open(drawn) as image:
+        image.quantize(256).save(few, format="png", optimize=True)
+    if few.getbuffer().nbytes <= MOST_BYTES or dpi <= LEAST_DPI:
+        return few.getvalue()
+    return bounded_png(figure, max(LEAST_DPI, dpi * 3 // 4))

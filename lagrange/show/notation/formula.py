@@ -297,6 +297,12 @@ class FormulaLine:
     goes_on: bool = False
 
 
+def _lines(left: str, texts: Sequence[str]) -> list[FormulaLine]:
+    """Return the lines of a formula whose right side is broken into `texts`."""
+    first, *more = texts
+    return [FormulaLine(left, first), *(FormulaLine("", line, goes_on=True) for line in more)]
+
+
 class SideWriter:
     """Writes sides of formulas in a notation, each on one line."""
 
@@ -362,22 +368,18 @@ class LineWriter:
             if self.sides.side(before[1]) == self.sides.side(last):
                 return self.formula(Formula((before[0], last)))
             start = " " * width(self.ruler.side(before[0]))
-            first, *more = self.broken(last, WIDEST - len(start) - 3)
-            below = [FormulaLine(start, first), *(FormulaLine("", line, goes_on=True) for line in more)]
-            return [*self.formula(Formula(tuple(before))), *below]
+            return [*self.formula(Formula(tuple(before))), *_lines(start, self.broken(last, WIDEST - len(start) - 3))]
         left = self.notation.equal([self.sides.side(side) for side in before])
         measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
         if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
-            first, *more = self.broken(before[0], WIDEST)
-            lines = [FormulaLine("", first), *(FormulaLine("", line, goes_on=True) for line in more)]
+            lines = _lines("", self.broken(before[0], WIDEST))
             if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
                 first, *more = self.broken(last, WIDEST)
                 right = [self.notation.equal(["", first]), *more]
                 return [*lines, *(FormulaLine("", line, goes_on=True) for line in right)]
             whole = self.notation.equal([lines[-1].right, self.sides.side(last)])
             return [*lines[:-1], FormulaLine("", whole, goes_on=lines[-1].goes_on)]
-        first, *more = self.broken(last, WIDEST - width(measured) - 3)
-        return [FormulaLine(left, first), *(FormulaLine("", line, goes_on=True) for line in more)]
+        return _lines(left, self.broken(last, WIDEST - width(measured) - 3))
 
     def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
         """Yield formulas in groups that fit side by side into one line each."""

@@ -148,8 +148,13 @@ def _stated(derivation: Derivation) -> Iterator[Formula | str]:
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
     else:
-        yield _energy_as_stated(derivation, "T", statement.kinetic, lambda: derivation.kinetic)
-        yield _energy_as_stated(derivation, "V", statement.potential, lambda: derivation.potential)
+        # Each energy as stated, and then simplified if that differs and is not too large.
+        for letter, name in (("T", "kinetic"), ("V", "potential")):
+            sides = [ShownQuantity(letter), getattr(statement, name)]
+            with suppress(StatementError):
+                if not derivation.refusal and getattr(derivation, name) != sides[1]:
+                    sides.append(getattr(derivation, name))
+            yield Formula(tuple(sides))
     for name, force in zip(statement.names, statement.forces, strict=True):
         if force != 0:
             yield Formula((ShownQuantity("Q", (name,)), force))
@@ -159,18 +164,6 @@ def _stated(derivation: Derivation) -> Iterator[Formula | str]:
         yield motion if isinstance(motion, str) else Formula(motion)
     for constraint in statement.constraints:
         yield Formula((constraint_quantity(constraint), constraint.expression))
-
-
-def _energy_as_stated(derivation: Derivation, letter: str, stated: Any, merged: Callable[[], Any]) -> Formula:
-    """Return the formula of an energy: as stated, and then simplified if that differs and is not too large.
-
-    `merged` returns the simplified expression.
-    """
-    sides = [ShownQuantity(letter), stated]
-    with suppress(StatementError):
-        if not derivation.refusal and merged() != stated:
-            sides.append(merged())
-    return Formula(tuple(sides))
 
 
 def _points(derivation: Derivation) -> Iterator[Formula | str]:

@@ -81,10 +81,6 @@ def _plain(latex: str) -> str:
     return latex.replace("<", r"\lt ")
 
 
-def _formulas(rows: Iterable[Formula | str]) -> list[Formula]:
-    return [row for row in rows if isinstance(row, Formula)]
-
-
 class PageWriter:
     """Writes parts of pages in the symbols of one statement."""
 
@@ -127,14 +123,12 @@ class PageWriter:
         """Return formulas and sentences on separate lines as Markdown, and the number of lines."""
         together = groupby(rows, key=lambda row: isinstance(row, str))
         texts = [
-            "\n\n".join(map(markdown_text, map(str, group))) if words else self.formulas(_formulas(group))
+            "\n\n".join(map(markdown_text, map(str, group)))
+            if words
+            else self.formulas([row for row in group if isinstance(row, Formula)])
             for words, group in together
         ]
         return "\n\n".join(texts), sum(text.count(NEXT_LINE) + 1 for text in texts)
-
-    def is_long(self, lines: int) -> bool:
-        """Return True if a text with this number of lines is folded."""
-        return lines > LONG
 
     def equations(self, heading: str, laws: Sequence[Any]) -> str:
         """Return a heading followed by SymPy equations, folded if they are long."""
@@ -144,7 +138,7 @@ class PageWriter:
         """Return formulas under a heading, folded where they are long."""
         text = self.formulas(formulas)
         lines = text.count(NEXT_LINE) + 1
-        if self.is_long(lines):
+        if lines > LONG:
             return folded(f"{heading} ({counted(lines, 'line')})", text)
         return f"{bold(heading)}\n\n{text}"
 

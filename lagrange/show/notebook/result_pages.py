@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import sympy
@@ -48,26 +48,14 @@ def comparison_page(comparison: EquationsComparison) -> str:
     return joined([("the verdict", verdict), ("the state", state)], "`comparison.counterexample` has it.")
 
 
-@notebook_page.register
-def conserved_page(conserved: Conserved) -> str:
-    """Return the conserved quantity as a formula, and the reason why it is conserved."""
-    return joined(conserved_parts(conserved, PageWriter(conserved.statement)), "`.expression` has it.")
-
-
 def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
-    """Yield the parts of the page of a conserved quantity."""
+    """Yield the conserved quantity as a formula, and the reason why it is conserved."""
     name = f"{bold(conserved.name)}: {markdown_text(conserved.reason)}"
     yield conserved.name, f"{name}\n\n{_formula(writer, None, conserved.expression, conserved.name)}"
 
 
-@notebook_page.register
-def equilibrium_page(equilibrium: Equilibrium) -> str:
-    """Return the coordinates of the equilibrium, its stability with the reason, and its energy."""
-    return joined(equilibrium_parts(equilibrium, PageWriter(equilibrium.statement)), "its fields have it.")
-
-
 def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
-    """Yield the parts of the page of an equilibrium."""
+    """Yield the coordinates of the equilibrium, its stability with the reason, and its energy."""
     free = [q for q, x in one.coordinates.items() if q == x]
     places = {q: x for q, x in {**one.coordinates, **one.velocities}.items() if q != x}
     where = [writer.values(places)] if places else []
@@ -77,14 +65,8 @@ def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
     yield "an equilibrium", f"{bold('Equilibrium')} {'; '.join(where)}{condition}, {verdict}"
 
 
-@notebook_page.register
-def modes_page(modes: Modes) -> str:
-    """Return the frequencies of the modes with their shapes."""
-    return joined(_modes(modes), "`.frequencies` and `.shapes` have all.")
-
-
-def _modes(modes: Modes) -> Iterator[Part]:
-    writer = PageWriter(modes.linearization.statement)
+def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
+    """Yield the frequencies of the modes with their shapes."""
     names = ", ".join(map(writer.inline, modes.coordinates))
     yield "the modes", f"{bold('Modes')} in {names}, {STABILITY[modes.stable]}: {markdown_text(modes.reason)}"
     for k, (frequency, decay, shape) in enumerate(zip(modes.frequencies, modes.decay, modes.shapes, strict=True), 1):
@@ -96,15 +78,11 @@ def _modes(modes: Modes) -> Iterator[Part]:
         column = writer.side(ExpressionRows(tuple((_rounded(x),) for x in shape)))
         letter, number = f"\\omega_{{{k}}}", _number(frequency, modes, writer)
         rate = f"{letter} = {writer.side(_rounded(frequency))}"
-        if len(rate) + len(column) < ONE_LINE:
+        if len(rate) + len(column) < 160:  # the formula fits into a line
             yield name, f"$$\n{rate}{number}{slower},\\qquad {column}\n$$"
         else:
             head = f"{bold(f'Mode {k}')} ${letter}{number}$" if number else bold(f"Mode {k}")
             yield name, f"{head}\n\n$$\n{rate}{slower}\n$$\n\n$$\n{column}\n$$"
-
-
-ONE_LINE = 160
-"""Largest length, in characters of LaTeX, of a frequency and its shape that share a line."""
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
@@ -115,19 +93,13 @@ def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
     return f" \\approx {writer.side(_rounded(value))}"
 
 
-@notebook_page.register
-def linearization_page(linear: Linearization) -> str:
-    """Return the matrices M, C, K and those of the inputs, with the point of linearization."""
-    return joined(_linearization(linear), "its fields `.M`, `.C`, `.K`, `.A` and `.B` have all.")
-
-
-def _linearization(linear: Linearization) -> Iterator[Part]:
-    writer = PageWriter(linear.statement)
+def _linearization(linear: Linearization, writer: PageWriter) -> Iterator[Part]:
+    """Yield the matrices M, C, K and those of the inputs, with the point of linearization."""
     yield "the point", f"{bold('Linearization')} at {writer.values(linear.at)}. {markdown_text(linear.note)}"
     for name, matrix in {"M": linear.M, "C": linear.C, "K": linear.K, "input_matrix": linear.input_matrix}.items():
         if not len(matrix):
             continue
-        if sum(int(x.count_ops()) for x in matrix) > MOST_SHOWN_OPERATIONS or max(matrix.shape) > MOST_ROWS:
+        if sum(int(x.count_ops()) for x in matrix) > MOST_SHOWN_OPERATIONS or max(matrix.shape) > 8:
             yield name, left_out(name, f"it has {matrix.rows} rows", f"`.{name}` has it.")
             continue
         letter = "F" if name == "input_matrix" else name
@@ -135,23 +107,13 @@ def _linearization(linear: Linearization) -> Iterator[Part]:
         yield name, f"$$\n{letter} = {writer.side(ExpressionRows(rows))}\n$$"
 
 
-MOST_ROWS = 8
-"""Largest number of rows of a matrix that a notebook shows."""
-
-
-@notebook_page.register
-def hamiltonian_page(hamiltonian: Hamiltonian) -> str:
-    """Return the Hamiltonian H, the momenta, and Hamilton's equations."""
-    return joined(_hamiltonian(hamiltonian), "`.expression`, `.momenta` and `.equations()` have all.")
-
-
 MOST_SIMPLIFIED = 60
 """Largest number of operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and
 takes 1 s."""
 
 
-def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
-    writer = PageWriter(hamiltonian.statement)
+def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]:
+    """Yield the Hamiltonian H and Hamilton's equations."""
     energy = hamiltonian.expression
     yield "the Hamiltonian", f"{bold('Hamiltonian')}\n\n{_formula(writer, ShownQuantity('H'), energy, 'H')}"
     if (size := int(energy.count_ops())) <= MOST_SIMPLIFIED:
@@ -173,6 +135,23 @@ def _rounded(value: Any) -> Any:
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({decimal: sympy.Float(f"{float(decimal):.6g}") for decimal in value.atoms(sympy.Float)})
+
+
+def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], instead: str) -> None:
+    """Register the page of a class of results; a sentence that ends with `instead` replaces what is too long."""
+
+    def page(result: Any) -> str:
+        statement = (result.linearization if isinstance(result, Modes) else result).statement
+        return joined(parts(result, PageWriter(statement)), instead)
+
+    notebook_page.register(kind, page)
+
+
+_register(Conserved, conserved_parts, "`.expression` has it.")
+_register(Equilibrium, equilibrium_parts, "its fields have it.")
+_register(Modes, _modes, "`.frequencies` and `.shapes` have all.")
+_register(Linearization, _linearization, "its fields `.M`, `.C`, `.K`, `.A` and `.B` have all.")
+_register(Hamiltonian, _hamiltonian, "`.expression`, `.momenta` and `.equations()` have all.")
 
 
 class ResultList(list[Any]):

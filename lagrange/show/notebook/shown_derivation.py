@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
+from lagrange.errors import StatementError, counted
 from lagrange.show.derivation_page import LEFT_OUT, Heading, render
-from lagrange.show.notation.sections import Section, sections
-from lagrange.show.notation.symbols import plain_text
+from lagrange.show.notation.sections import LAGRANGIAN, Formula, Section, ShownQuantity, constraint_quantity, sections
+from lagrange.show.notation.symbols import markdown_text, plain_text
 from lagrange.show.notebook.page_writer import (
+    LONG,
     MOST_SHOWN_OPERATIONS,
     PageWriter,
     Part,
@@ -19,13 +21,99 @@ from lagrange.show.notebook.page_writer import (
     folded,
     joined,
     left_out,
+    listed,
     operations,
 )
 from lagrange.show.terminal import DETAILS, terminal_style
+from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import one_of, text
 from lagrange.statement.progress import deriving
 from lagrange.statement.statement import Statement
+
+SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and the like as SymPy expressions."
+
+
+def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
+    """Return the page of a system; `findings` are sentences about its structure and conserved quantities."""
+    return joined(_system_parts(derivation, findings), SYSTEM_INSTEAD)
+
+
+def _system_parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
+    statement = derivation.statement
+    writer = PageWriter(statement)
+    count = len(statement.coordinates)
+    head = f"{bold(statement.name)}: {counted(count, 'coordinate')}"
+    names = " " + ", ".join(map(writer.inline, statement.coordinates)) if count <= NAMED_COORDINATES else ""
+    yield "the coordinates", f"{head}{names}" + (f". {markdown_text(statement.about)}" if statement.about else "")
+    yield from _statement_parts(statement, writer)
+    yield "the parameters", _parameters(statement, writer)
+    symbols = (*statement.coordinates, *statement.velocities)
+    values = {symbol: value for symbol, value in zip(symbols, statement.initial, strict=True) if value}
+    units = {symbol: unit_of(statement, name) for symbol, name in zip(symbols, statement.state_names, strict=True)}
+    rest = "" if len(values) == len(symbols) else "all else 0" if values else "all 0"
+    yield (
+        "the initial state",
+        listed("Initial state", ", ".join(filter(None, (writer.values(values, units), rest))), len(values)),
+    )
+    yield "the equations of motion", _equations(derivation, writer)
+    yield "the structure", f"{bold('Structure')}\n\n" + "\n".join(f"- {markdown_text(finding)}" for finding in findings)
+
+
+NAMED_COORDINATES = 12
+"""Largest number of coordinates that are named; more are only counted."""
+
+
+def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]:
+    """Yield the energies, forces and constraints; short ones share a formula."""
+    if statement.lagrangian_alone:
+        rows: list[tuple[Any, Any]] = [(LAGRANGIAN, statement.lagrangian)]
+    else:
+        rows = [(ShownQuantity("T"), statement.kinetic), (ShownQuantity("V"), statement.potential)]
+    rows += [
+        (ShownQuantity("Q", (name,)), force)
+        for name, force in zip(statement.names, statement.forces, strict=True)
+        if force != 0
+    ]
+    rows += [(ShownQuantity("D"), statement.dissipation)] if statement.dissipation != 0 else []
+    rows += [motion for motion in statement.known_motions if not isinstance(motion, str)]
+    rows += [(constraint_quantity(constraint), constraint.expression) for constraint in statement.constraints]
+    short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_SHOWN_OPERATIONS]
+    if short:
+        yield "the energies, forces and constraints", writer.under("Stated", short)
+    for name, what in rows:
+        if (size := int(what.count_ops())) > MOST_SHOWN_OPERATIONS:
+            yield (
+                "",
+                left_out(
+                    (" ".join((name.letter, *name.indices)) if isinstance(name, ShownQuantity) else str(name)),
+                    f"it has {size} operations",
+                    SYSTEM_INSTEAD,
+                ),
+            )
+    for motion in statement.known_motions:
+        if isinstance(motion, str):
+            yield "a given motion", markdown_text(motion)
+
+
+def _parameters(statement: Statement, writer: PageWriter) -> str:
+    if not statement.parameters:
+        return ""
+    values = {symbol: statement.defaults.get(symbol) for symbol in statement.parameters}
+    units = {symbol: unit_of(statement, symbol.name) for symbol in statement.parameters}
+    return listed("Parameters", writer.values(values, units), len(values))
+
+
+def _equations(derivation: Derivation, writer: PageWriter) -> str:
+    statement = derivation.statement
+    name = "the equations of motion"
+    if (size := operations(statement)) > MOST_SHOWN_OPERATIONS:
+        return left_out(name, f"they are derived from {size} operations, which takes long", SYSTEM_INSTEAD)
+    try:
+        return writer.equations("Equations of motion", (*derivation.equations, *derivation.constraints))
+    except StatementError as refusal:
+        return left_out(name, str(refusal), SYSTEM_INSTEAD)
+
 
 INSTEAD = "`print(system.derivation())` has it as text."
 OPEN = ("Stated", "Lagrangian", "Equations of motion", "Remarks")
@@ -90,7 +178,7 @@ class ShownDerivation(Derivation):
 
     def _repr_markdown_(self) -> str:
         with deriving(self.statement.name):
-            return derivation_page(self)
+            return joined(_parts(self), INSTEAD)
 
 
 def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
@@ -99,11 +187,6 @@ def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), deta
     `remarks` are sentences on it; `detail` is "full" or "short". Raises StatementError for any other detail.
     """
     return ShownDerivation(statement, TextbookAlgebra(statement), remarks, detail)
-
-
-def derivation_page(derivation: ShownDerivation) -> str:
-    """Return the derivation for a notebook, section by section; sections that do not fit are replaced by a sentence."""
-    return joined(_parts(derivation), INSTEAD)
 
 
 def _parts(derivation: ShownDerivation) -> Iterator[Part]:
@@ -122,7 +205,7 @@ def _parts(derivation: ShownDerivation) -> Iterator[Part]:
 
 def _section(section: Section, writer: PageWriter) -> str:
     shown, lines = writer.rows(section.rows)
-    if section.heading in OPEN and not writer.is_long(lines):
+    if section.heading in OPEN and lines <= LONG:
         return f"{bold(section.heading)}\n\n{shown}"
     symbol = "" if section.symbol is None else f" {name_of(section.symbol)}"
     return folded(f"{section.heading}{symbol}", shown)
