@@ -369,7 +369,7 @@ class Fmu(Target):
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
     """Return the files in an FMU of FMI `major`, with a compiled library if there is a compiler."""
-    inside = resources("lagrange.export.fmu")
+    inside = resources("lagrange.export").joinpath("fmu")
     sources = {
         f"{module.name}.h": header(module),
         f"{module.name}.c": source(module),

@@ -1,1 +1,0 @@
-"""FMUs: their descriptions in XML, and the C sources that every FMU contains."""
