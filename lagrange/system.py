@@ -279,8 +279,8 @@ class System:
     def check(self, *, target: str = "llvm", points: int | None = None, seed: int = 0) -> Report:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
-        The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table
-        and is true if all agree. `seed` determines the `points` random states: by default 5, or 3 for a large system.
+        The textbook derivation and the other machine are compared, too. The report prints as a table and is true if all
+        agree. `seed` determines the random states: 5, 3 of a large system. Raises StatementError for `points` below 1.
         """
         from lagrange.evidence.check import check_stated
 

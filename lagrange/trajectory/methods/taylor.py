@@ -67,7 +67,7 @@ class Taylor:
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan of the method for a problem."""
         tolerances = adaptive_settings(
-            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem.model)
+            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem)
         )
         events = impacts_of(problem.model, problem.events)
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
@@ -149,10 +149,10 @@ this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tol
 """
 
 
-def _margin(model: Model, rtol: float) -> float:
-    """Return the fraction of the tolerances at which the steps for a model aim."""
+def _margin(problem: Problem, rtol: float) -> float:
+    """Return the fraction of the tolerances at which the steps of a problem aim."""
     margin = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
-    return margin * QUATERNION_MARGIN if model.statement.rotations else margin
+    return margin * QUATERNION_MARGIN if problem.model.statement.rotations else margin
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
