@@ -67,7 +67,7 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
     computing them for a small system.
     """
     program = kernel.program
-    if any(one.op in ("state", "time") for one in program.instructions):
+    if any(instruction.op in ("state", "time") for instruction in program.instructions):
         return True
     found = quickly(kernel, parameters, 0.0, np.zeros(program.states))
     return found is None or 0.0 in found.tolist()

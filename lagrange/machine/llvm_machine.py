@@ -53,10 +53,7 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members, with the arguments `given` by name. Arrays are C-contiguous, of doubles or 64-bit integers.
-
-        Other threads can run meanwhile.
-        """
+        """Run members, with the arguments `given` by name."""
         known = {**given, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
@@ -97,10 +94,7 @@ class LlvmMachine:
         return compiled_loop(step, LAWS[step.law].dimension(states), projected)
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel.
-
-        With `of_steps` and a small state, the kernel takes the state in registers.
-        """
+        """Return the address of a kernel, of the one in registers for steps of a small state."""
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -131,10 +125,7 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop over steps with events.
-
-        Return None if a constant mass matrix is singular: then no dense output exists.
-        """
+        """Return the compiled loop over steps with events, None if a constant mass matrix is singular."""
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

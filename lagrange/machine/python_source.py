@@ -60,7 +60,7 @@ LITERALS = Literals("inf", "nan", ("False", "True"))
 
 def source(procedure: Procedure) -> str:
     """Return Python source of a procedure and its transitive callees: one function each, callees first."""
-    return "\n\n".join(_PythonPrinter(one).function() for one in (*procedure.callees, procedure))
+    return "\n\n".join(_PythonPrinter(printed).function() for printed in (*procedure.callees, procedure))
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
@@ -70,10 +70,7 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
-    names |= {
-        "nan": math.nan,
-        "inf": math.inf,
-    }
+    names |= {"nan": math.nan, "inf": math.inf}
     made = defined(source(procedure), procedure.name, names)
     arrays = [isinstance(parameter.type, Array) for parameter in procedure.parameters]
 
@@ -212,7 +209,7 @@ AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_eq
 
 def arrays_source(procedure: Procedure) -> str:
     """Return Python source of a procedure and its transitive callees: one function each, callees first."""
-    return "\n\n".join(_ArrayPrinter(one).function() for one in (*procedure.callees, procedure))
+    return "\n\n".join(_ArrayPrinter(printed).function() for printed in (*procedure.callees, procedure))
 
 
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
@@ -242,7 +239,7 @@ class _ArrayPrinter(Printer):
     def each(self, each: Each) -> None:
         self.settle()
         self.each_of, self.count = each, self.text(each.iterations)
-        self.stored = {one.array: None for one in each.body if isinstance(one, Store)}
+        self.stored = {statement.array: None for statement in each.body if isinstance(statement, Store)}
         for statement in each.body:
             self.statement(statement)
         for fold in each.folds:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 from lagrange.members.keep import STATUS, Column
-from lagrange.members.varied import MemberNumbers
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 STATUSES = tuple(Status)
@@ -49,33 +48,8 @@ class Ends:
         return len(next(iter(self.columns.values())))
 
 
-class Table(Protocol):
-    """Protocol of a table of members, which are numbered from 0 on."""
-
-    def __len__(self) -> int:
-        """Return the number of members."""
-
-    def starts(self, which: MemberNumbers) -> Starts:
-        """Return the initial values of the members `which` (m,)."""
-
-
 Stopped = Callable[[], bool]
 """Callback that returns True if no further member may begin."""
-
-
-class Engine(Protocol):
-    """Protocol of an object that runs members. A member's result depends only on its initial values."""
-
-    @property
-    def form(self) -> str:
-        """How members are run, in a few words."""
-
-    @property
-    def side_by_side(self) -> int:
-        """The number of members that run at the same time."""
-
-    def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members to their ends. Once `stopped()` is True, return the results of the members run so far."""
 
 
 @runtime_checkable

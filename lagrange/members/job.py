@@ -12,13 +12,17 @@ from threading import Lock
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped, Table
+from lagrange.members.chunk import INTERRUPTED, Ends, Starts, Stopped
 from lagrange.members.keep import Column, Keep
-from lagrange.members.lanes import lane_engine
-from lagrange.members.singly import Explained, RunEngine, flow_engine
+from lagrange.members.lanes import LaneEngine, lane_engine
+from lagrange.members.singly import Explained, FlowEngine, RunEngine, flow_engine
+from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.plan import Planned
+
+Engine = RunEngine | FlowEngine | LaneEngine
+"""Object that runs members, `side_by_side` at the same time. A member's result depends only on its initial values."""
 
 ENGINES_KEPT = 4
 """Largest number of jobs that a worker keeps compiled. The oldest is dropped."""
@@ -57,7 +61,7 @@ class Job:
         span = problem.t0, problem.t1
         return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
 
-    def explained(self, table: Table, member: int) -> Explained:
+    def explained(self, table: MemberTable, member: int) -> Explained:
         """Run a member and return the end of its run. Raises StatementError for a number outside the table."""
         chosen = whole_number(member, "member", 0, len(table) - 1)
         return self.alone.explained(table.starts(np.array([chosen])))

@@ -164,17 +164,17 @@ def end_row(label: str, names: Sequence[str]) -> int | None:
     return names.index(name) if name != label and name in names else None
 
 
-def _is_pair(one: Any) -> bool:
-    return isinstance(one, (tuple, list)) and len(one) == 2 and isinstance(one[0], str)
+def _is_pair(entry: Any) -> bool:
+    return isinstance(entry, (tuple, list)) and len(entry) == 2 and isinstance(entry[0], str)
 
 
-def _is_first(one: Any) -> bool:
+def _is_first(entry: Any) -> bool:
     """Return True for a pair such as ("events", 3), False for two names such as ("max", "theta")."""
-    return _is_pair(one) and one[0] == EVENTS and not isinstance(one[1], (str, list, tuple))
+    return _is_pair(entry) and entry[0] == EVENTS and not isinstance(entry[1], (str, list, tuple))
 
 
-def _is_reduction(one: Any) -> bool:
-    return _is_pair(one) and one[0] in REDUCTIONS
+def _is_reduction(entry: Any) -> bool:
+    return _is_pair(entry) and entry[0] in REDUCTIONS
 
 
 def _reduction(how: str, given: Any, model: Model) -> Reduction:
@@ -192,10 +192,10 @@ def _reduction(how: str, given: Any, model: Model) -> Reduction:
     return Reduction(f"{how}({_written(expression, model)})", how, expression)
 
 
-def _quoted(one: Any, model: Model) -> str:
+def _quoted(entry: Any, model: Model) -> str:
     """Return an entry of `keep` as text for a message, with the names of coordinates in its expression."""
-    formula = _is_pair(one) and hasattr(one[1], "xreplace")
-    return f"({shown(one[0])}, {_written(one[1], model)})" if formula else shown(one)
+    formula = _is_pair(entry) and hasattr(entry[1], "xreplace")
+    return f"({shown(entry[0])}, {_written(entry[1], model)})" if formula else shown(entry)
 
 
 def _written(expression: Any, model: Model) -> str:
@@ -229,12 +229,12 @@ class SampledRun:
                 accumulator.add(steps)
         return {reduction.name: result.value for reduction, result in zip(reductions, accumulators, strict=True)}
 
-    def _reduction(self, one: Reduction) -> _Mean | _Extremum:
-        first = float(self._values(one.expression, self.run.t[:1], self.run.y[:, :1])[0])
+    def _reduction(self, reduction: Reduction) -> _Mean | _Extremum:
+        first = float(self._values(reduction.expression, self.run.t[:1], self.run.y[:, :1])[0])
         t = self.run.t
-        if one.how == "mean":
-            return _Mean(self, one, first, float(t[-1] - t[0]))
-        return _Extremum(self, one, SIGNS[one.how] * first if first == first else -np.inf)
+        if reduction.how == "mean":
+            return _Mean(self, reduction, first, float(t[-1] - t[0]))
+        return _Extremum(self, reduction, SIGNS[reduction.how] * first if first == first else -np.inf)
 
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None

@@ -81,11 +81,6 @@ class MemberEvents:
         nodes = tuple(impact.node for impact in impacts)
         return cls(nodes, tuple(reactions), sum(not impact.root for impact in impacts))
 
-    def arrays(self, dimension: int) -> dict[str, Any]:
-        """Return the constant arrays of the loop over Taylor steps, by argument name; `dimension` is 2n."""
-        memory = EventMemory(dimension, 0, self.reactions)
-        return {"settings": memory.settings, "tilts": memory.tilts}
-
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
         """Return the constant arrays of the event search on steps, by argument name; `dimension` is 2n."""
         direction, terminal = np.array(
@@ -148,12 +143,10 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     observed = Observed(observing, 1 + len(model.layout.rates))
     sampled = None
     if nodes:
-        reductions = tuple(
-            (reduction.how, different.index(node)) for reduction, node in zip(wanted.reductions, nodes, strict=True)
-        )
-        entries = dict.fromkeys(
-            reduction.place for reduction in laws["expressions"].instructions if reduction.op == "state"
-        )
+        pairs = zip(wanted.reductions, nodes, strict=True)
+        reductions = tuple((reduction.how, different.index(node)) for reduction, node in pairs)
+        instructions = laws["expressions"].instructions
+        entries = dict.fromkeys(instruction.place for instruction in instructions if instruction.op == "state")
         sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
     read: dict[str, Any] = {"points": table_of_points()}
     parameters = len(model.statement.parameters)
@@ -161,13 +154,18 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     if isinstance(plan, TaylorPlan):
         series = TaylorProcedures(plan.series.program, prepared.size, watches=wanted.watched is not None)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
-        jet = _jet(series, plan.order)
+        jet: WrittenJet | ByOrderJet
+        if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
+            jet = ByOrderJet(series.single, series.numbers)
+        else:
+            jet = WrittenJet(series.single, series.numbers, plan.order)
         numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
         events = None if wanted.watched is None else _events(plan, wanted.watched, kernels["watched"])
         members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
         if wanted.watched is not None:
             sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
-            read |= {"sizes": sizes, **wanted.watched.arrays(model.layout.size)}
+            memory = EventMemory(model.layout.size, 0, wanted.watched.reactions)
+            read |= {"sizes": sizes, "settings": memory.settings, "tilts": memory.tilts}
     else:
         assert step is not None
         numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
@@ -183,9 +181,8 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     preparation = None if wanted.varying else Pruner().pruned(preparing)
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
-    return Compiled(
-        code, preparation, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events
-    )
+    event_count = 0 if wanted.watched is None else wanted.watched.events
+    return Compiled(code, preparation, size, observed.size, read, event_count)
 
 
 def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
@@ -194,13 +191,6 @@ def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> Taylo
     changing = any(reaction.terminal for reaction in watched.reactions)
     flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
     return TaylorEvents(values, len(watched.reactions), watched.events, changing=changing, **flags)
-
-
-def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
-    """Return the builder of the series: written out, or as a loop over orders if there are many operations."""
-    if single_operations(series.packing, order) > MOST_WRITTEN_OUT:
-        return ByOrderJet(series.single, series.numbers)
-    return WrittenJet(series.single, series.numbers, order)
 
 
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
@@ -226,7 +216,7 @@ STUCK, LOST = STATUSES.index(Status.STEP_TOO_SMALL), STATUSES.index(Status.NON_F
 EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEPS)
 """Status codes of members that an event ended, and of members that reached the step limit."""
 
-_OUTCOMES = [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome]
+_OUTCOMES = [STATUSES.index(_STATUSES[outcome]) if outcome in _STATUSES else UNDECIDED for outcome in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
 """Status code by outcome; the last entry is for `ENDED_BY_EVENT`."""
 
@@ -349,26 +339,18 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
-    watched = MemberEvents.of(_impacts(plan, problem))
-    tasks = MemberTasks(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
+    # A series also watches the square roots in the equations of motion.
+    impacts = plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events)
+    path = None
+    if isinstance(plan, StepPlan) and (alone.times is not None or alone.keep.reductions or problem.events):
+        path = plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
+    watched = MemberEvents.of(impacts)
+    tasks = MemberTasks(alone.keep.reductions, path, varying, watched)
     kept = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), tasks
     if key not in kept:
         kept[key] = compiled_members(alone.model, plan, tasks)
     return LaneEngine(kept[key], plan, alone)
-
-
-def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
-    """Return the events of runs: those of the user, and for series the square roots in the equations of motion."""
-    return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events)
-
-
-def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:
-    """Return the dense output of a step program if states inside of steps are needed, else None."""
-    outside = alone.times is None and not alone.keep.reductions and not problem.events
-    if not isinstance(plan, StepPlan) or outside:
-        return None
-    return plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
 
 
 def _kind(plan: Plan) -> Any:

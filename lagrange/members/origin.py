@@ -15,7 +15,6 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.members.job import Job
 from lagrange.members.keep import OUTPUTS, STATE, Column
 from lagrange.members.table import MemberTable
-from lagrange.statement.event import Event
 from lagrange.statement.expression import real_number
 from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.plan import Stepped
@@ -77,6 +76,13 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     varied = hashlib.sha256()
     for values in table.varied.given.values():
         varied.update(np.ascontiguousarray(values).tobytes())
+    # Numbers of NumPy and SymPy become floats for JSON.
+    stated = {name: getattr(options, name) for name in ("rtol", "atol", "step")}
+    numbers = {name: None if value is None else real_number(value, name) for name, value in stated.items()}
+    events = []
+    for event in problem.events:
+        resets = [[str(key), _exactly(value)] for key, value in {**event.reset, **event.settings}.items()]
+        events.append([_exactly(event.expression), event.direction, event.terminal, resets])
     return {
         "lagrange": importlib.metadata.version("lagrange-mechanics"),
         **{name: _version(name) for name in VERSIONS},
@@ -84,11 +90,11 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "target": problem.model.target,
         "method": repr(options.method),
         "steps": _steps(options.method),
-        **{name: _number(getattr(options, name), name) for name in ("rtol", "atol", "step")},
+        **numbers,
         "max_steps": options.step_limit,
         "span": [problem.t0, problem.t1],
         "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
-        "events": [_event(event) for event in problem.events],
+        "events": events,
         "keep": [column.name for column in job.columns],
         "expressions": [_exactly(reduction.expression) for reduction in job.keep.reductions],
         "occurrences": job.keep.events,
@@ -102,17 +108,6 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "checksums": "blake2b",
         "block": block,
     }
-
-
-def _number(given: Any, name: str) -> float | None:
-    """Return the option `name` as a float for JSON, from a number of Python, NumPy or SymPy; None stays None."""
-    return None if given is None else real_number(given, name)
-
-
-def _event(event: Event) -> list[Any]:
-    """Return the description of an event as JSON-ready data."""
-    resets = [[str(key), _exactly(value)] for key, value in {**event.reset, **event.settings}.items()]
-    return [_exactly(event.expression), event.direction, event.terminal, resets]
 
 
 def _exactly(expression: Any) -> str:

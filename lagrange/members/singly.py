@@ -50,9 +50,14 @@ class Energies:
 
     @property
     def drift(self) -> FloatArray:
-        """The relative changes of the energies (m,), by `relative_drift`."""
-        kinetic = self.kinetic(self.before, self.first), self.kinetic(self.after, self.last)
-        return relative_drift(self.first[:, 0], self.last[:, 0], *kinetic)
+        """The changes of the energies (m,), relative to the largest of |first| and the kinetic energies at the ends."""
+        first, last = self.first[:, 0], self.last[:, 0]
+        kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
+        scale = np.maximum(np.abs(first), kinetic)
+        with np.errstate(all="ignore"):
+            change = np.where(scale > 0, (last - first) / scale, last - first)
+        # The sign of a NaN depends on its position in the array.
+        return np.asarray(np.where(np.isnan(change), np.nan, change))
 
     @property
     def moved(self) -> NDArray[np.bool_]:
@@ -65,18 +70,6 @@ class Energies:
             kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
             small = change <= NOTABLE_CHANGE * np.abs(self.first[:, 0])
             return np.asarray(~(small | (change <= SMALL_CHANGE * kinetic)))
-
-
-def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the changes of the energies from `first` to `last` (m,), relative to a scale.
-
-    The scale is the largest of |first| and the kinetic energies at the start, `kinetic`, and at the end, `after`, (m,).
-    """
-    scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
-    with np.errstate(all="ignore"):
-        change = np.where(scale > 0, (last - first) / scale, last - first)
-    # The sign of a NaN depends on its position in the array.
-    return np.asarray(np.where(np.isnan(change), np.nan, change))
 
 
 def energies_of(
@@ -132,10 +125,7 @@ class RunEngine:
         """The way in which members are run, in words."""
         return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
-    @property
-    def side_by_side(self) -> int:
-        """The number 1, because members run one by one."""
-        return 1
+    side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members one by one. If a run refuses a start, the member has no steps, and the message of the refusal."""
@@ -243,10 +233,7 @@ class FlowEngine:
         """The way in which members are run, in words."""
         return self.alone.form
 
-    @property
-    def side_by_side(self) -> int:
-        """The number 1, because members run one by one."""
-        return 1
+    side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members to their ends."""

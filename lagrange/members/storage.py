@@ -27,10 +27,8 @@ class ResultStorage(ABC):
         self.processors: dict[str, None] = {}
         self.ran = 0
 
-    @property
-    @abstractmethod
-    def results(self) -> MemberResults:
-        """The results of all members."""
+    results: MemberResults
+    """The results of all members."""
 
     @abstractmethod
     def take(self, first: int, done: ChunkResult) -> None:
@@ -79,19 +77,14 @@ class ArrayStorage(ResultStorage):
 
     def __init__(self, job: Job, results: Results, members: int) -> None:
         super().__init__(job, [(0, members)])
-        self._results = results
-
-    @property
-    def results(self) -> Results:
-        """The arrays."""
-        return self._results
+        self.results: Results = results
 
     def close(self) -> None:
         """Do nothing: arrays need no closing."""
 
     def take(self, first: int, done: ChunkResult) -> None:
         """Copy the results of a chunk into the arrays, from row `first` on."""
-        self._results.take(first, done.ends)
+        self.results.take(first, done.ends)
 
 
 def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:

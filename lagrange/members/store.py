@@ -148,8 +148,9 @@ class StoreBlocks:
         unwritten = []
         for k in range(self.count):
             try:
-                sums = self._sums(k)
-                whole = sums.all() and all(self._matches(name, k, sums[i]) for i, name in enumerate(self.names))
+                sums, (begin, end) = self._sums(k), self.bounds(k)
+                rows = (np.asarray(self.group[name][begin:end]) for name in self.names)
+                whole = sums.all() and all(checksum(part) == sums[i] for i, part in enumerate(rows))
             except DAMAGE:
                 sums, whole = None, False
             if not whole:
@@ -193,10 +194,6 @@ class StoreBlocks:
     def _sums(self, k: int) -> Any:
         return np.asarray(self.group[CHECKSUM][k])
 
-    def _matches(self, name: str, k: int, expected: Any) -> bool:
-        begin, end = self.bounds(k)
-        return bool(checksum(np.asarray(self.group[name][begin:end])) == expected)
-
 
 ATTRIBUTES = "lagrange"
 """Name of the attribute of a store that describes its ensemble."""
@@ -211,17 +208,6 @@ def folder_of(store: Any) -> Path:
     if "\0" in str(store):
         raise StatementError(f"store is {shown(store)}, which no folder can be called: give a name, such as runs.zarr.")
     return Path(store).expanduser()
-
-
-def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store if `path` does not exist. Raises StatementError if it contains anything but this ensemble.
-
-    `made_of` is the description of the ensemble by `lagrange.members.origin`.
-    """
-    zarr = _zarr()
-    if not os.path.lexists(path):
-        _make(zarr, path, job, table, made_of)
-    _check(zarr, path, made_of)
 
 
 def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
@@ -387,15 +373,11 @@ class ZarrStorage(ResultStorage):
             super().__init__(job, blocks.left())
         self._table, self._blocks, self._lock = table, blocks, lock
         self._open: dict[int, tuple[Results, int]] = {}
+        self.results = StoredResults(blocks, job)
 
     def close(self) -> None:
         """Release the lock of the store."""
         self._lock.close()
-
-    @property
-    def results(self) -> StoredResults:
-        """The results, read from disk at each access."""
-        return StoredResults(self._blocks, self.job)
 
     def take(self, first: int, done: ChunkResult) -> None:
         """Store the results of the members from number `first` on, all in one block. A complete block is written."""
@@ -462,7 +444,10 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
             f"{size * block * MOST_BLOCKS:.3g}: divide the ensemble into several, each with its store, or keep less."
         )
     made_of = origin(job, table, block)
-    find_store(path, job, table, made_of)
+    zarr = _zarr()
+    if not os.path.lexists(path):
+        _make(zarr, path, job, table, made_of)
+    _check(zarr, path, made_of)
     lock = StoreLock(path)
     try:
         return ZarrStorage(job, table, open_store(path, job, table, made_of), lock)

@@ -90,11 +90,17 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
         )
     varied = _together(sources)
     rows, rates, columns = _places(model, varied)
-    _check_held(varied, plain)
+    labels = {label_of(key) for key in varied.keys}
+    twice = next((label_of(key) for values in plain.values() for key in values if label_of(key) in labels), None)
+    if twice is not None:
+        raise StatementError(f"{twice} varies between the members, and has one value as well: give one of the two.")
     state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
     first = {statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in columns.items()}
     values = model.parameter_array({**plain["parameters"], **first})
-    _check_signs(model, varied, columns)
+    for column, key in columns.items():
+        symbol = statement.parameters[column]
+        if symbol.is_nonnegative:  # a negative value is refused, as in a single run
+            model.parameter_values({**dict.fromkeys(statement.parameters, 1.0), symbol: varied.lowest(key)})
     table = MemberTable(varied, state, values, rows, rates, columns, statement.coordinates)
     if statement.rotations:
         starts = table.starts(np.arange(min(len(table), MOST_CHECKED)))
@@ -143,24 +149,6 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
     return of_state, of_rates, of_parameters
 
 
-def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
-    """Raise StatementError for negative values of a varying parameter declared positive or nonnegative."""
-    for column, key in columns.items():
-        symbol = model.statement.parameters[column]
-        if symbol.is_nonnegative:
-            lowest = varied.lowest(key)
-            model.parameter_values({**dict.fromkeys(model.statement.parameters, 1.0), symbol: lowest})
-
-
-def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
-    """Raise StatementError for a key that has both varying values and a common value."""
-    labels = {label_of(key) for key in varied.keys}
-    for values in plain.values():
-        twice = next((label_of(key) for key in values if label_of(key) in labels), None)
-        if twice is not None:
-            raise StatementError(f"{twice} varies between the members, and has one value as well: give one of the two.")
-
-
 def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
     """Return the values by key that all members share, and the varying values, of the argument named `what`."""
     if given is None:
@@ -173,22 +161,13 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
         )
     plain, arrays = {}, {}
     for key, value in given.items():
-        if _varies(value):
+        # Numbers of NumPy and SymPy, and arrays without dimensions, are one value for all members.
+        if isinstance(value, (list, tuple, range)) or (hasattr(value, "__array__") and bool(getattr(value, "ndim", 0))):
             arrays[key] = _values(label_of(key), value)
         else:
             real_number(value, label_of(key))
             plain[key] = value
     return plain, [Arrays({key: values}) for key, values in arrays.items()]
-
-
-def _varies(given: Any) -> bool:
-    """Return True if a value has an entry for each member: a list, an array, or a pandas Series.
-
-    Numbers of NumPy and SymPy, and arrays without dimensions, have none.
-    """
-    if isinstance(given, (list, tuple, range)):
-        return True
-    return bool(hasattr(given, "__array__") and getattr(given, "ndim", 0))
 
 
 def _values(label: str, given: Any) -> FloatArray:

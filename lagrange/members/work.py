@@ -9,13 +9,14 @@ from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecuto
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
-from lagrange.members.chunk import Engine, Starts, Table
-from lagrange.members.job import ChunkResult, Job, run_chunk, timed
+from lagrange.members.chunk import Starts
+from lagrange.members.job import ChunkResult, Engine, Job, run_chunk, timed
+from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
 
 MOST_WORKERS = 1024
@@ -41,39 +42,15 @@ executor needs some milliseconds of this process for each chunk: with 0.1 s two 
 """
 
 
-class Runner(Protocol):
-    """Protocol of an object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
-
-    chunk_seconds: float
-
-    @property
-    def places(self) -> int:
-        """Largest number of chunks that are submitted and not finished."""
-
-    def submit(self, starts: Starts) -> Any:
-        """Return the future of a chunk, whose result is a `ChunkResult`."""
-
-    def stop(self) -> None:
-        """Ask the workers, if possible, to begin no more members of submitted chunks."""
-
-    def close(self) -> None:
-        """Wait for running chunks, and end the threads of this runner."""
-
-
 class ThreadRunner:
     """Runs chunks on threads with one engine, whose machine code releases the interpreter lock."""
 
     chunk_seconds = AT_ONCE
 
     def __init__(self, engine: Engine, workers: int) -> None:
-        self._engine, self._places = engine, workers
+        self._engine, self.places = engine, workers
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="members")
         self._stopping = threading.Event()
-
-    @property
-    def places(self) -> int:
-        """The number of threads: each runs one chunk."""
-        return self._places
 
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk."""
@@ -118,6 +95,10 @@ class ExecutorRunner:
         """Do nothing: the user closes the executor."""
 
 
+Runner = ThreadRunner | ExecutorRunner
+"""Object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
+
+
 def workers_of(executor: Any) -> int:
     """Return the number of workers of an executor, or of processors if the executor does not report it."""
     if hasattr(executor, "ncores"):
@@ -151,7 +132,7 @@ class ChunkSize:
         self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
 
-def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
+def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run the members of `blocks`, pairs (first, end) with end excluded, in order.
 
     `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an error
@@ -172,7 +153,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
     try:
         for first, count in chunks:
             future = _submitted(runner, table.starts(np.arange(first, first + count)))
-            future.add_done_callback(lambda one, key=(first, count): done.put((*key, one)))
+            future.add_done_callback(lambda finished, key=(first, count): done.put((*key, finished)))
             under_way[first] = future
             while len(under_way) >= runner.places:
                 collect()
@@ -183,7 +164,10 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         for future in under_way.values():
             future.cancel()
         with suppress(RunError):  # A disk that has failed fails again.
-            _take_finished(under_way, take)
+            # The futures are read, not the queue of finished chunks: Ctrl-C may have interrupted its reading.
+            for first, future in under_way.items():
+                if not future.cancelled() and future.exception() is None:
+                    take(first, _result(future))
         raise
     finally:
         runner.close()
@@ -230,16 +214,6 @@ def _working() -> Iterator[None]:
                 f"`if __name__ == '__main__':`. {GOES_ON}"
             ) from error
         raise
-
-
-def _take_finished(under_way: dict[int, Any], take: Take) -> None:
-    """Wait for submitted chunks and take their results, except those that were cancelled or failed.
-
-    The futures in `under_way` are read, not the queue of finished chunks: Ctrl-C may have interrupted its reading.
-    """
-    for first, future in under_way.items():
-        if not future.cancelled() and future.exception() is None:
-            take(first, _result(future))
 
 
 def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:

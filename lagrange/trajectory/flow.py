@@ -130,7 +130,11 @@ class Flow:
             states = self._by_run(start, t0, t1, parameters, times)
             return states[:, -1].copy() if times is None else states
         driver, state = self._driver(self._plan, parameters)
-        self._begin(self._plan, state, start, t0, t1)
+        settings, length = self._plan.tolerances, abs(t1 - t0)
+        # The default step is a fraction of the span; it was prepared for a span of 1.
+        step = settings.step * (length if self._problem.step is None and settings.notes else 1.0)
+        signed = step if t1 >= t0 else -step
+        state.restart(self._first, (t0, t1), start, signed, settings.longest * length)
         if times is not None:
             return self._at_times(driver, state, start, (t0, t1), parameters, times)
         reached = self._to_end(driver, state, parameters, start)
@@ -169,11 +173,12 @@ class Flow:
 
         The result is also False where rounding decided the motion, after a state with dependent constraints.
         """
-        counts, times, rows, passed = state.integers, _NO_TIMES, _NO_ROWS, self._local.passed if self._rtol else None
-        outcome, left, steps, begin = Outcome.PAUSED, self._max_steps, FIRST_STEPS, (state.t, start)
-        if passed is not None:
+        times, rows, passed = _NO_TIMES, _NO_ROWS, None
+        outcome, left, steps = Outcome.PAUSED, self._max_steps, FIRST_STEPS
+        if self._rtol:
+            counts, begin, passed, steps = state.integers, (state.t, start), self._local.passed, STEPS_PER_LOOK
             passed.begin(begin)
-            counts[DriverState.RECORD], steps = 1, STEPS_PER_LOOK
+            counts[DriverState.RECORD] = 1
         while outcome in _GOES_ON and left > 0:
             if passed is not None:
                 counts[DriverState.ROWS] = 0
@@ -223,21 +228,6 @@ class Flow:
             if self._rtol:
                 local.passed = StatesPassed(self._dimension)
         return local.driver, local.state
-
-    def _begin(self, plan: Plan, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
-        settings, reals = plan.tolerances, state.floats
-        state.reals[:] = self._first
-        reals[DriverState.T] = reals[DriverState.START] = t0
-        reals[DriverState.END] = t1
-        if settings.step:
-            # The default step is a fraction of the span; it was prepared for a span of 1.
-            whole = abs(t1 - t0) if self._problem.step is None and settings.notes else 1.0
-            size = settings.step * whole
-            reals[DriverState.H] = reals[DriverState.STEP] = size if t1 >= t0 else -size
-        if settings.longest != math.inf:
-            reals[DriverState.LONGEST] = settings.longest * abs(t1 - t0)
-        state.counts.fill(0)
-        state.y[:] = y0
 
     def _by_run(
         self,

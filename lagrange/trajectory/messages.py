@@ -31,9 +31,6 @@ _SENTENCES: dict[Status, str] = {
     Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
 }
 
-_GIVEN_UP = "Raise {limit}, {other}{events}{jumps}{stiff}."
-"""Template of the remedy for a run that reached a limit."""
-
 _STIFF = "; a stiff system wants an implicit method such as radau5"
 
 _STICKS = "; where a force jumps, as with sign(v), a body may stick, in tiny steps: smooth the jump by tanh(v/0.001)"
@@ -135,13 +132,11 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         coarser = "lengthen the step" if rtol is None else "loosen rtol"
         nodes = reachable(problem.model.equations.accelerations) if rtol is not None else ()
         jumps = any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
-        return _GIVEN_UP.format(
-            limit="max_steps" if status is Status.MAX_STEPS else "max_wall",
-            other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
-            events=", or end the run at an event with terminal=True" if problem.events else "",
-            jumps=_STICKS if jumps else "",
-            stiff="" if method == "radau5" else _STIFF,
-        )
+        limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
+        other = f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}"
+        events = ", or end the run at an event with terminal=True" if problem.events else ""
+        stiff = "" if method == "radau5" else _STIFF
+        return f"Raise {limit}, {other}{events}{_STICKS if jumps else ''}{stiff}."
     if status is Status.MAX_MEMORY:
         other = finer if grown else "lengthen the step" if rtol is None else "loosen rtol"
         alone = "" if problem.t_eval is not None else "give t_eval, which is kept without the steps, "

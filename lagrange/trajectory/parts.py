@@ -140,7 +140,9 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             parts.append(point_of(problem, parts[-1], segment.y0, Status.NON_FINITE, str(refusal)))
             break
         end, met = parts[-1].span[1], _acting(problem, parts[-1])
-        if tries < MOST_REPEATS and set(met) <= set(acting) and _is_begin(problem, met, segment.t0, end):
+        # Rounding may make a segment end at once, by the event at which it began.
+        again = bool(met) and set(met) <= set(acting) and not any(problem.events[i].reset for i in met)
+        if tries < MOST_REPEATS and again and abs(end - segment.t0) <= CLOSEST * max(abs(end), EARLIEST):
             tries += 1
             segment = replace(segment, y0=last_state(parts.pop()))
             continue
@@ -175,15 +177,6 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
     end = part.span[1]
     changing = [i for i, event in enumerate(problem.events) if event.reset or event.settings]
     return [i for i in changing if len(part.t_events[i]) and part.t_events[i][-1] == end]
-
-
-def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
-    """Return True if rounding made a segment end at once, by the event at which it began, at the time `begin`.
-
-    `met` are the indices of the events at `end`, the end of the segment.
-    """
-    moved = any(problem.events[i].reset for i in met)
-    return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
 
 
 def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:

@@ -101,11 +101,7 @@ class StepPlan:
     """True if steps are projected onto the constraints; False if they end on them already."""
 
     writes_outputs = False
-
-    @property
-    def watched(self) -> bool:
-        """False: a step program passes switching surfaces without locating them."""
-        return False
+    watched = False  # a step program passes switching surfaces without locating them
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return the driver of the step, for the law of the step."""

@@ -315,7 +315,11 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
         reals[DriverState.H] = 0.0
     floors = np.maximum(floors, noise)
     if before == MOST_SURVEYS - 1:
-        floors = np.maximum(floors, _floors_of_others(layout, state.floors))
+        # The last attempt for a run whose steps keep decreasing: entries far below others of their kind are rounding.
+        # For example, the value of a force 1 + tanh(u) is rounded to zero, but its slope is not. Then no displacement
+        # shows that the effect of the force is below rounding.
+        kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(state.floors)])
+        floors = np.maximum(floors, np.where(state.floors < SLOPE_NOISE * kinds, kinds, 0.0))
     if (floors > state.floors).any():
         # A series knows the length of its next step. The length of a rejected step came from floors that were too low.
         state.taylor.limit = math.inf
@@ -337,13 +341,3 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
     # Otherwise a run without a survey before its first step would set the floors of entries that are zero forever.
     state.counts[DriverState.SURVEYED] = max(state.count(DriverState.SURVEYED), 1)
     return rises
-
-
-def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
-    """Return floors (2n,) for entries that are rounding of other entries of their kind; 0 for the rest.
-
-    This is the last attempt for a run whose steps keep decreasing. For example, the value of a force 1 + tanh(u) is
-    rounded to zero, but its slope is not. Then no displacement shows that the effect of the force is below rounding.
-    """
-    kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
-    return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)

@@ -25,8 +25,7 @@ from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_series import NumpySeries
-from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries
-from lagrange.machine.series.llvm_steps import compiled_steps
+from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries, compiled_steps
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t

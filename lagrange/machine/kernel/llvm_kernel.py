@@ -35,19 +35,24 @@ class LlvmKernel(Shared):
     """A kernel in machine code. Calls release the interpreter lock; threads may share a kernel."""
 
     def __init__(self, program: Program) -> None:
-        self._program = program
+        self.program = program
         if solves(program):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
         self._code = KernelCode(program)
         if solve_columns.form() in self._code.called:
             calling_solver(solve_columns.form())
         self._module = Module(self._code.scalar_module())
-        self._address = self._module.address(program.name)
+        self.address = self._module.address(program.name)
+        """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
+
+        `prepared` is the array that `prepare` returns. The return value is 1 if the mass matrix is singular, else 0.
+        """
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._quick: tuple[FloatArray, QuickCalls | None] | None = None
-        self._size = self._code.prepared.size + 1
+        self.prepared_size = self._code.prepared.size + 1
+        """Number of doubles in the array `prepared`: parameters, and all values that depend on them alone."""
         ends = [0, *accumulate(block.size for block in program.inputs)]
         rows = [slice(*pair) for pair in pairwise(ends)]
         self._split: Callable[[FloatArray], Sequence[FloatArray]] = (
@@ -56,12 +61,7 @@ class LlvmKernel(Shared):
         self._shape, self._count = program.shape, len(program.outputs)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return UnpickledKernel, (LlvmKernel, self._program)
-
-    @property
-    def program(self) -> Program:
-        """The program that this kernel computes."""
-        return self._program
+        return UnpickledKernel, (LlvmKernel, self.program)
 
     @property
     def ir(self) -> str:
@@ -69,31 +69,18 @@ class LlvmKernel(Shared):
         return self._module.ir
 
     @property
-    def address(self) -> int:
-        """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
-
-        `prepared` is the array that `prepare` returns. The return value is 1 if the mass matrix is singular, else 0.
-        """
-        return self._address
-
-    @property
     def prepare_address(self) -> int:
         """Address of ``int32_t f(double *prepared)``, which writes all values that depend on parameters alone.
 
         They follow the parameters in the array `prepared`.
         """
-        return self._module.address(f"{self._program.name}_prepare")
-
-    @property
-    def prepared_size(self) -> int:
-        """Number of doubles in the array `prepared`: parameters, and all values that depend on them alone."""
-        return self._size
+        return self._module.address(f"{self.program.name}_prepare")
 
     @property
     def law_address(self) -> int:
         """Address of the kernel that steps call: for small states the kernel in registers, else `address`."""
-        name = self._program.name
-        return self._module.address(f"{name}_registers") if in_registers(self._program) else self._address
+        name = self.program.name
+        return self._module.address(f"{name}_registers") if in_registers(self.program) else self.address
 
     @property
     def columns_address(self) -> int:
@@ -102,7 +89,7 @@ class LlvmKernel(Shared):
         Its arguments: number of states, times, inputs, `prepared`, results.
         """
         module, _ = self._column_kernel
-        return module.address(f"{self._program.name}_columns")
+        return module.address(f"{self.program.name}_columns")
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
         """Return the parameters followed by all values that depend on them alone. Raises SingularMassMatrix."""
@@ -110,7 +97,7 @@ class LlvmKernel(Shared):
         known = self._prepared
         if known is not None and known[0] == key:
             return known[1]
-        prepared = np.zeros(self._size)
+        prepared = np.zeros(self.prepared_size)
         prepared[: len(parameters)] = parameters
         if self._prepare(address(prepared)):
             raise SingularMassMatrix
@@ -123,7 +110,7 @@ class LlvmKernel(Shared):
             return self.columns(t, self._split(y), parameters)
         prepared = self.prepare(parameters)
         y = np.ascontiguousarray(y, dtype=float)
-        out = np.empty(self._program.shape)
+        out = np.empty(self.program.shape)
         if self._scalar(float(t), address(y), address(prepared), address(out)):
             raise SingularMassMatrix
         return out
@@ -133,11 +120,11 @@ class LlvmKernel(Shared):
 
         Quick calls keep the interpreter lock for some microseconds.
         """
-        if len(self._program.instructions) > SHORT_PROGRAM:
+        if len(self.program.instructions) > SHORT_PROGRAM:
             return None
         prepared, known = self.prepare(parameters), self._quick
         if known is None or known[0] is not prepared:
-            made = quick_calls((self._module, self._address), prepared, self._program.states, self._program.shape)
+            made = quick_calls((self._module, self.address), prepared, self.program.states, self.program.shape)
             known = self._quick = prepared, made
         return known[1]
 
@@ -167,7 +154,7 @@ class LlvmKernel(Shared):
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
         """Return the index of the first state of a block with a singular mass matrix. Each state is evaluated alone."""
-        out = np.empty(self._program.shape)
+        out = np.empty(self.program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])
             if self._scalar(times[0, column], address(y), address(prepared), address(out)):
@@ -176,12 +163,12 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _reads_time(self) -> bool:
-        return any(instruction.op == "time" for instruction in self._program.instructions)
+        return any(instruction.op == "time" for instruction in self.program.instructions)
 
     @cached_property
     def _lanes(self) -> int:
         # The stack has no space for the working memory of a large linear system in eight lanes.
-        largest = max((i.order for i in self._program.instructions if i.op == "factor"), default=0)
+        largest = max((i.order for i in self.program.instructions if i.op == "factor"), default=0)
         return lanes() if largest <= 64 else 1
 
     @cached_property
@@ -191,9 +178,9 @@ class LlvmKernel(Shared):
         So threads that compile at the same time each use a module and a function that belong together.
         """
         module = Module(self._code.column_module(self._lanes))
-        pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
+        pointers = [ctypes.c_void_p] * (3 + len(self.program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
-        return module, columns(module.address(f"{self._program.name}_columns"))
+        return module, columns(module.address(f"{self.program.name}_columns"))
 
 
 @lru_cache(maxsize=64)

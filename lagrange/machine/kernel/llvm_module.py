@@ -106,22 +106,22 @@ class KernelCode:
     @property
     def called(self) -> tuple[Procedure, ...]:
         """The procedures of other modules that the kernel calls."""
-        every = (one for made in (self.prepare, *self.scalar) for one in made.callees)
-        return tuple(dict.fromkeys(one for one in every if one not in self.scalar))
+        every = (callee for caller in (self.prepare, *self.scalar) for callee in caller.callees)
+        return tuple(dict.fromkeys(procedure for procedure in every if procedure not in self.scalar))
 
     def scalar_module(self) -> str:
         """Return the IR of `prepare` and of the scalar kernel."""
-        made = [function(one, outside=self.scalar) for one in self.scalar]
+        made = [function(procedure, outside=self.scalar) for procedure in self.scalar]
         first = function(self.prepare, outside=(self.prepare,), quickly=True)
-        return joined([first, *made], [declaration(one) for one in self.called])
+        return joined([first, *made], [declaration(procedure) for procedure in self.called])
 
     def column_module(self, lanes: int) -> str:
         """Return the IR of the kernel for many states, with `lanes` states in a vector."""
         quickly, by_value = lanes > 1, self._in_lanes(lanes) if lanes > 1 else None
-        alone = [function(one, hidden=True, outside=self.scalar, quickly=quickly) for one in self.scalar]
-        called = [] if by_value is None else [function(one, hidden=True) for one in by_value.callees]
+        alone = [function(procedure, hidden=True, outside=self.scalar, quickly=quickly) for procedure in self.scalar]
+        called = [] if by_value is None else [function(procedure, hidden=True) for procedure in by_value.callees]
         made = [*alone, *called, self._alone(), self._columns(lanes, by_value)]
-        return joined(made, [declaration(one) for one in self.called])
+        return joined(made, [declaration(procedure) for procedure in self.called])
 
     @cached_property
     def _places(self) -> list[int]:
@@ -133,7 +133,7 @@ class KernelCode:
         """Return the kernel for `lanes` states at once, whose arguments and results are vectors."""
         outputs = [self.program.outputs[k] for k in self._places]
         by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
-        signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in by_value.parameters)
+        signature = tuple(OWN if isinstance(parameter.type, Kind) else COMMON for parameter in by_value.parameters)
         return MemberProcedures(lanes).of(by_value, signature)
 
     @property

@@ -40,7 +40,7 @@ one.
 """
 
 FUNCTIONS: dict[str, Any] = {
-    **{one.name: one.of_float for one in ELEMENTARY.values()},
+    **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},
     "sqrt": math.sqrt,
     "atan2": math.atan2,
     **{name: OPERATIONS[name] for name in ("min", "max", "sign")},
@@ -107,7 +107,7 @@ def printed(program: Program) -> str:
     Raises StatementError if a linear system is too large to be printed.
     """
     if not fits(program):
-        orders = max(one.order for one in program.instructions if one.op in ("factor", "solve"))
+        orders = max(instruction.order for instruction in program.instructions if instruction.op in ("factor", "solve"))
         raise StatementError(
             f"{program.name} solves a linear system of {orders} unknowns, which is not printed: "
             f"{LARGEST_IN_PYTHON} are the most. Call the model, or take model.interpreted(name).program."
@@ -143,24 +143,19 @@ class PythonKernel:
     """A kernel printed as Python: implements `Kernel`. Threads may share it."""
 
     def __init__(self, program: Program) -> None:
-        self._program = program
+        self.program = program
         self._quick: tuple[bytes, QuickCalls | None] | None = None
         self._printed: dict[bool, tuple[_PrintedFunction, int]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PythonKernel, (self._program,)
-
-    @property
-    def program(self) -> Program:
-        """The program that this kernel computes."""
-        return self._program
+        return PythonKernel, (self.program,)
 
     @property
     def address(self) -> int:
         """Raise StatementError: only machine code has an address."""
         raise StatementError(
-            f"{self._program.name} is run as Python here, and has no address: take that of the llvm target, "
-            f"system.compile('llvm').kernel({self._program.name!r}).address."
+            f"{self.program.name} is run as Python here, and has no address: take that of the llvm target, "
+            f"system.compile('llvm').kernel({self.program.name!r}).address."
         )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
@@ -173,9 +168,9 @@ class PythonKernel:
         except NO_VALUE:
             found = None
         if found is None:
-            return InterpretedKernel(self._program)(t, y, parameters)
+            return InterpretedKernel(self.program)(t, y, parameters)
         out = np.array(found)
-        shape = self._program.shape
+        shape = self.program.shape
         return out if out.shape == shape else out.reshape(shape)
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
@@ -207,12 +202,12 @@ class PythonKernel:
     @cached_property
     def _whole(self) -> _PrintedFunction:
         """The printed function of a whole state y."""
-        return self._checked({"y": self._program.states})
+        return self._checked({"y": self.program.states})
 
     @cached_property
     def _parts(self) -> _PrintedFunction:
         """The printed function of coordinates q and velocities v."""
-        size = self._program.states
+        size = self.program.states
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
@@ -220,9 +215,9 @@ class PythonKernel:
 
         `arrays` maps arguments to sizes.
         """
-        packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
-        names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
-        return _PrintedFunction(defined(self._lines.checked(arrays), self._program.name, names))
+        packed = struct.Struct(f"{len(self.program.outputs)}d").pack_into
+        names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self.program.shape).copy}
+        return _PrintedFunction(defined(self._lines.checked(arrays), self.program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Return the result of the program for many states. Sines may be rounded differently than for one state."""
@@ -235,7 +230,7 @@ class PythonKernel:
         inputs: Sequence[FloatArray],
         parameters: FloatArray,
     ) -> FloatArray:
-        program, count = self._program, inputs[0].shape[1]
+        program, count = self.program, inputs[0].shape[1]
         rows = [row for block in inputs for row in block]
         out = np.empty((len(program.outputs), count))
         prepared, buffers = blocks
@@ -252,19 +247,19 @@ class PythonKernel:
 
     def _by_interpreter(self, t: FloatArray, rows: Sequence[FloatArray], parameters: FloatArray, low: int) -> Any:
         try:
-            found = InterpretedKernel(self._program).columns(t, [np.array(rows)], parameters)
+            found = InterpretedKernel(self.program).columns(t, [np.array(rows)], parameters)
         except SingularMassMatrix as error:
             raise SingularMassMatrix(None if error.column is None else low + error.column) from error
-        return found.reshape(len(self._program.outputs), len(t))
+        return found.reshape(len(self.program.outputs), len(t))
 
     @cached_property
     def _lines(self) -> StraightLines:
         """The printer of the program."""
-        return StraightLines(simplified(self._program))
+        return StraightLines(simplified(self.program))
 
     @cached_property
     def _one_state(self) -> _PrintedFunction:
-        return _PrintedFunction(defined(self._lines.scalar(), self._program.name, FUNCTIONS))
+        return _PrintedFunction(defined(self._lines.scalar(), self.program.name, FUNCTIONS))
 
     def _blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
         """Return the function of blocks of states, and its number of working rows.
@@ -274,6 +269,6 @@ class PythonKernel:
         """
         if half_angles not in self._printed:
             text, buffers = self._lines.columns(half_angles=half_angles)
-            function = defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})
+            function = defined(text, f"{self.program.name}_columns", {**FUNCTIONS, "np": np})
             self._printed[half_angles] = _PrintedFunction(function), buffers
         return self._printed[half_angles]

@@ -48,14 +48,16 @@ def _noisy(name: str) -> Callable[..., Noisy]:
     operation, own = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
     def apply(*args: Noisy) -> Noisy:
-        values = [one.value for one in args]
+        values = [number.value for number in args]
         value = operation(*values)
         if name in JUMPING:
             return Noisy(value, 0.0)
         noise = own * abs(float(value))
-        for k, one in enumerate(args):
-            if one.noise:
-                ends = [operation(*values[:k], one.value + sign * one.noise, *values[k + 1 :]) for sign in (-1, 1)]
+        for k, number in enumerate(args):
+            if number.noise:
+                ends = [
+                    operation(*values[:k], number.value + sign * number.noise, *values[k + 1 :]) for sign in (-1, 1)
+                ]
                 # The change may be lost in rounding, as in 1 + x. So the error also includes the distance of each end
                 # from the value.
                 noise += float(np.fmax(abs(float(ends[1]) - float(value)), abs(float(ends[0]) - float(value))))
@@ -73,11 +75,11 @@ def _linear(name: str) -> Callable[..., Noisy]:
 
     def apply(*args: Noisy) -> Noisy:
         (a, da), (b, db) = args[:2]
-        value = operation(*(one.value for one in args))
+        value = operation(*(number.value for number in args))
         if name == "div":
             carried = (da + abs(value) * db) / abs(b) if b else np.inf
         elif name in ("mul", "fma"):
-            carried = abs(b) * da + abs(a) * db + sum(one.noise for one in args[2:])
+            carried = abs(b) * da + abs(a) * db + sum(number.noise for number in args[2:])
         else:
             carried = da + db
         return Noisy(value, UNIT * abs(value) + carried)
@@ -89,7 +91,7 @@ def _factor(order: int, *entries: Noisy) -> Noisy:
     """Return the symmetric matrix with a given lower triangle, and the noise of its entries."""
     rows = np.tril_indices(order)
     value, noise = np.zeros((2, order, order))
-    value[rows], noise[rows] = [one.value for one in entries], [one.noise for one in entries]
+    value[rows], noise[rows] = [number.value for number in entries], [number.noise for number in entries]
     low = np.tril_indices(order, -1)
     value[low[::-1]], noise[low[::-1]] = value[low], noise[low]
     return Noisy(value, noise)
@@ -116,7 +118,7 @@ def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
 
     M is factored in floating point; the rounding errors of this factorization are part of the noise.
     """
-    value, noise = np.array([one.value for one in right]), np.array([one.noise for one in right])
+    value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)
     found = inverse @ value
     left = noise + (matrix.noise + order * UNIT * _factorization_sizes(matrix.value)) @ abs(found)

@@ -58,7 +58,11 @@ UFUNCS: Mapping[str, str] = {
 
 def fits(program: Program) -> bool:
     """Return True if every linear system of a program is small enough to be written out."""
-    return all(one.order <= LARGEST_IN_PYTHON for one in program.instructions if one.op in ("factor", "solve"))
+    return all(
+        instruction.order <= LARGEST_IN_PYTHON
+        for instruction in program.instructions
+        if instruction.op in ("factor", "solve")
+    )
 
 
 class StraightLines:
@@ -231,7 +235,7 @@ class _Checked(_Floats):
         # Comparing sizes is enough if no input is itself a result. Rows of a matrix are lists, which cannot be added to
         # t.
         *results, _ = operands(self.procedure.body[-1])
-        returned = any(one.ref in results for one in self.procedure.parameters[1:-1])
+        returned = any(parameter.ref in results for parameter in self.procedure.parameters[1:-1])
         lines, names, first = [], [], 0
         for name, size in self.arrays.items():
             wrong = f"{name}.shape != ({size},)"
@@ -245,7 +249,14 @@ class _Checked(_Floats):
         return [*lines, *(["t = float(t)"] if reads_time else []), "try:", *names]
 
     def give(self, results: Sequence[int]) -> None:
-        found = [self.named_result(k, ref) for k, ref in enumerate(results)]
+        found = []
+        for k, ref in enumerate(results):
+            text = self.text(ref)
+            # A result is read twice: an expression gets a name.
+            if not text.isidentifier() and ref not in self.constants:
+                self.put(f"r{k} = {text}")
+                text = f"r{k}"
+            found.append(text)
         given = ", ".join(found)
         if len(found) <= MOST_ADDED:
             self.leave_if(f"not isfinite({' + '.join([*found, 't'])})")
@@ -256,17 +267,6 @@ class _Checked(_Floats):
         self.depth = 1
         for line in ("except NO_VALUE:", "    return None", "out = new()", f"pack(out, 0, {given})", "return out"):
             self.put(line)
-
-    def named_result(self, k: int, ref: int) -> str:
-        """Return the name or literal of result `k`, which is read twice.
-
-        `ref` is its id. An expression gets a new name.
-        """
-        text = self.text(ref)
-        if not text.isidentifier() and ref not in self.constants:
-            self.put(f"r{k} = {text}")
-            return f"r{k}"
-        return text
 
 
 class _RowPrinter(_Floats):
@@ -361,7 +361,7 @@ class _RowPrinter(_Floats):
                 square = op == "mul" and let.args[0] == let.args[1]
                 self.put(f"np.square({a}, {row})" if square else f"np.{UFUNCS[op]}({', '.join(texts)}, {named}{row})")
             case op:
-                self.put(f"{self.row(let.ref)}[:] = [{op}(one) for one in {a}.tolist()]")
+                self.put(f"{self.row(let.ref)}[:] = [{op}(value) for value in {a}.tolist()]")
 
     @visits(SineCosine)
     def pair(self, pair: SineCosine) -> None:

@@ -133,10 +133,7 @@ class CompiledCall:
         return not self._quick
 
     def count(self, steps: int) -> bool:
-        """Report that `steps` more steps were taken.
-
-        Return True when optimized code replaces the code compiled quickly.
-        """
+        """Report steps, and return True when optimized code replaces the code compiled quickly."""
         tiers = self.code.module
         if not self._quick or not isinstance(tiers, TieredModule):
             return False

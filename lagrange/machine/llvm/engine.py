@@ -169,15 +169,6 @@ def _merge(module: Any, machine: Any) -> None:
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
 
 
-def assembly(text: str, *, optimize: bool = False) -> str:
-    """Return the assembly of a module's text, for reading."""
-    parsed = llvm.parse_assembly(text)
-    machine = _target_machine()
-    if optimize:
-        _optimize(parsed, machine)
-    return str(machine.emit_assembly(parsed))
-
-
 def linear_solver(*, often: bool) -> None:
     """Compile the linear solver, once per process. LLVM's passes run only if a model needs the solver `often`.
 

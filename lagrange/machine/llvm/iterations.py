@@ -67,7 +67,7 @@ class Lanes:
         for ref in self.outside():
             printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
         start = [splat(self.e, literal(fold.first), REAL, self.lanes) for fold in each.folds]
-        sums = [[one] * (self.stride // self.lanes) for one in start]
+        sums = [[value] * (self.stride // self.lanes) for value in start]
         known = number(count)
         if known is None:
             self.looped(sums, count)
@@ -98,7 +98,7 @@ class Lanes:
         """Write out the iterations from `begin` to before `count` without a loop, and add their results to `sums`."""
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
-            mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(one).lower()}" for one in inside) + ">"
+            mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(flag).lower()}" for flag in inside) + ">"
             self.take(str(offset), mask)
             self.collect(sums, offset, mask)
 
@@ -123,7 +123,7 @@ class Lanes:
 
     def mask(self, index: str, count: str) -> str:
         """Return the mask of the iterations in a vector that are below `count`, which is known only at run time."""
-        stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
+        stores = not self.each.spill and any(isinstance(statement, Store) for statement in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
         e, kind = self.e, type_of(WHOLE, self.lanes)
@@ -192,14 +192,16 @@ def accesses(block: Block) -> Iterator[Load | Store]:
 
 def number_of_angles(block: Block) -> int:
     """Return the number of sines and cosines in a block. A sine and a cosine of the same angle count once."""
-    return sum(
-        isinstance(one, SineCosine) or (isinstance(one, (Let, VectorLet)) and one.op in ANGLES) for one in walk(block)
-    )
+    operations = (statement for statement in walk(block) if isinstance(statement, (Let, VectorLet)))
+    angles = sum(operation.op in ANGLES for operation in operations)
+    return angles + sum(isinstance(statement, SineCosine) for statement in walk(block))
 
 
 def widest(block: Block) -> int:
     """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
-    vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
+    vectors = (
+        statement.vector.width for statement in walk(block) if isinstance(statement, (VectorLet, VectorLoad, Gather))
+    )
     return max([1, *(each.width for each in walk(block) if isinstance(each, Each)), *vectors])
 
 

@@ -219,8 +219,8 @@ def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
         return
     made = "poison"
-    for i, (one, value) in enumerate(zip(types, values, strict=True)):
-        made = e.value(f"insertvalue {kind} {made}, {one} {value}, {i}")
+    for i, (kind_of_value, value) in enumerate(zip(types, values, strict=True)):
+        made = e.value(f"insertvalue {kind} {made}, {kind_of_value} {value}, {i}")
     e.do(f"ret {kind} {made}")
 
 

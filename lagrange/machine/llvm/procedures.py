@@ -137,7 +137,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module: functions, and the declarations and attributes that they need."""
-    angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in one for one in functions)]
+    angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
     )
@@ -183,7 +183,9 @@ class Printer(Visitor):
     ) -> None:
         self.procedure, self.outside = procedure, outside
         self.foreign = procedure in outside
-        self.stores_together = self.foreign and sum(isinstance(one, Store) for one in procedure.body) <= FEW_RESULTS
+        self.stores_together = (
+            self.foreign and sum(isinstance(statement, Store) for statement in procedure.body) <= FEW_RESULTS
+        )
         self.e = Emitter() if e is None else e
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
@@ -336,15 +338,15 @@ class Printer(Visitor):
             self.define(ref, value, self.types[pair.angle], wide=self.lanes(pair.angle) > 1)
 
     @visits(ReserveRecord, Part)
-    def place(self, one: ReserveRecord | Part) -> None:
+    def place(self, statement: ReserveRecord | Part) -> None:
         """Print the address of a new record of zeros, or of a part of an array."""
-        if isinstance(one, ReserveRecord):
-            count = len(one.record.fields) * one.record.lanes
-            self.define(one.ref, self.e.reserve(numbers := f"[{count} x i64]"), one.record)
-            return self.e.store("zeroinitializer", self.values[one.ref], numbers)
-        held = self.array(one.array)
-        place = self.e.address(self.values[one.array], self.values[one.start], KINDS[held.kind])
-        return self.define(one.ref, place, replace(held, size=None))
+        if isinstance(statement, ReserveRecord):
+            count = len(statement.record.fields) * statement.record.lanes
+            self.define(statement.ref, self.e.reserve(numbers := f"[{count} x i64]"), statement.record)
+            return self.e.store("zeroinitializer", self.values[statement.ref], numbers)
+        held = self.array(statement.array)
+        place = self.e.address(self.values[statement.array], self.values[statement.start], KINDS[held.kind])
+        return self.define(statement.ref, place, replace(held, size=None))
 
     @visits(Let)
     def let(self, let: Let) -> None:
@@ -379,7 +381,7 @@ class Printer(Visitor):
     def angle(self, ref: int) -> tuple[str, str]:
         """Return the sine and the cosine of an angle, computed inline if angles are few, else by a function call."""
         if self.angles is None:
-            in_lanes = any(isinstance(one.type, Vector) for one in self.procedure.parameters)
+            in_lanes = any(isinstance(parameter.type, Vector) for parameter in self.procedure.parameters)
             self.angles = INLINE_ANGLES + 1 if in_lanes else number_of_angles(self.procedure.body)
         make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
         kind = self.types[ref]
@@ -583,7 +585,9 @@ class Printer(Visitor):
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [
-            self.array(whole.get(one.array, one.array)) for one in accesses(each.body) if one.place == each.place
+            self.array(whole.get(access.array, access.array))
+            for access in accesses(each.body)
+            if access.place == each.place
         ]
         room = all(array.kind is REAL and array.room >= width for array in through)
         Lanes(self, each, width if room else 1).run()

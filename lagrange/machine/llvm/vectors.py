@@ -165,19 +165,19 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
     return made
 
 
-def _pointers(known: PrinterState, one: Gather | Scatter, kind: Kind, width: int) -> str:
+def _pointers(known: PrinterState, statement: Gather | Scatter, kind: Kind, width: int) -> str:
     """Return the vector of addresses of the array entries that a gather reads or a scatter writes."""
-    places = f"{type_of(WHOLE, width)} {known.values[one.places]}"
-    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[one.array]}, {places}")
+    places = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
+    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {places}")
 
 
-def _place(known: PrinterState, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
+def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
     """Return the address of the first entry that is read or written, and the mask as an operand.
 
     Without a mask the operand is an empty string.
     """
-    place = known.e.address(known.values[one.array], known.values[one.place], KINDS[vector.kind])
-    return place, "" if one.mask is None else f"<{vector.width} x i1> {known.values[one.mask]}"
+    place = known.e.address(known.values[access.array], known.values[access.place], KINDS[vector.kind])
+    return place, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
 
 
 def _loaded(known: PrinterState, load: VectorLoad) -> str:

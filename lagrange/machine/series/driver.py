@@ -90,10 +90,7 @@ class SeriesDriver:
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's vector y a view of the driver's memory, so that no step copies it.
-
-        The entries of y are lost.
-        """
+        """Make the state's vector y a view of the driver's memory, so that no step copies it; its entries are lost."""
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:

@@ -180,22 +180,9 @@ def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
     return a[first : last + 1].dot(b[k - last : k - first + 1][::-1])
 
 
-def _linear(at: _Place) -> Any:
-    return sum(scale * at.x[at.k, arg] for scale, arg in zip(at.constants, at.args, strict=True))
-
-
-def _mul(at: _Place) -> Any:
-    return _sum(at.arg(0), at.arg(-1), 0, at.k)
-
-
 def _div(at: _Place) -> Any:
     a, b = at.arg(0), at.arg(1)
     return (a[-1] - _sum(b, at.u, 1, at.k)) / b[0]
-
-
-def _inverse(at: _Place) -> Any:
-    b = at.arg(0)
-    return -_sum(b, at.u, 1, at.k) / b[0]
 
 
 def _sqrt(at: _Place) -> Any:
@@ -217,14 +204,6 @@ def _power(at: _Place) -> Any:
     return ((at.constants[0] * j - (k - j)) * a[1:]).dot(at.u[:k][::-1]) / (k * a[0])
 
 
-def _integral(at: _Place) -> Any:
-    return at.constants[0] * at.arg(0)[-2] * at.scale / at.k
-
-
-def _along(at: _Place) -> Any:
-    return at.constants[0] * _sum(np.arange(at.k + 1) * at.arg(0), at.arg(1), 1, at.k) / at.k
-
-
 def _against(at: _Place) -> Any:
     w = at.arg(1)
     return (at.arg(0)[-1] - _sum(np.arange(at.k + 1) * at.u, w, 1, at.k - 1) / at.k) / w[0]
@@ -233,15 +212,15 @@ def _against(at: _Place) -> Any:
 COEFFICIENT: dict[str, Callable[[_Place], Any]] = {
     "time": lambda at: at.u[0] * 0 + (at.scale if at.k == 1 else 0),
     "constant": lambda at: at.u[0] * 0,
-    "linear": _linear,
-    "mul": _mul,
-    "square": _mul,
+    "linear": lambda at: sum(scale * at.x[at.k, arg] for scale, arg in zip(at.constants, at.args, strict=True)),
+    "mul": lambda at: _sum(at.arg(0), at.arg(-1), 0, at.k),
+    "square": lambda at: _sum(at.arg(0), at.arg(0), 0, at.k),
     "div": _div,
-    "inverse": _inverse,
+    "inverse": lambda at: -_sum(at.arg(0), at.u, 1, at.k) / at.arg(0)[0],
     "sqrt": _sqrt,
     "power": _power,
-    "integral": _integral,
-    "along": _along,
+    "integral": lambda at: at.constants[0] * at.arg(0)[-2] * at.scale / at.k,
+    "along": lambda at: at.constants[0] * _sum(np.arange(at.k + 1) * at.arg(0), at.arg(1), 1, at.k) / at.k,
     "against": _against,
     "choose": lambda at: at.arg(0 if at.constants[0] else 1)[-1],
 }

@@ -1,17 +1,22 @@
-"""Series programs in machine code: the jet (function that computes the series), and the numbers that it reads.
+"""Series programs in machine code: the jet (function that computes the series), its numbers, and the loop over steps.
 
 The array `c` begins with the inverse of a constant mass matrix by columns, or with the diagonal if the matrix is
 diagonal. Constants follow as vectors, in the order in which the code reads them.
+
+The loop over steps calls a series by its address, so all series of a layout share it. The procedures that find events
+are the same for all layouts, and are compiled once per process.
 """
 
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
@@ -22,7 +27,10 @@ from lagrange.algorithm.series.jet import NAME as JET_NAME
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.written_out import WrittenJet
+from lagrange.algorithm.taylor.events_on_step import inspect_step
+from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.errors import RunError
 from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
@@ -37,8 +45,7 @@ from lagrange.machine.llvm.procedures import joined as module_ir
 from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
-from lagrange.machine.series.llvm_steps import compiled_steps
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.form import Procedure, transitive_callees
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 
@@ -53,8 +60,8 @@ class LlvmSeries(Shared):
         self.program = program
         self._packing = pack(program, lanes())
         self._compiled: dict[int, CompiledJet] = {}
-        self._orders: dict[float, int] = {}
-        self._large: dict[int, bool] = {}
+        self._is_large = cache(partial(is_large, self._packing))
+        self._order = cache(partial(cheapest_order, self._packing))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LlvmSeries, (self.program,)
@@ -63,16 +70,9 @@ class LlvmSeries(Shared):
         """Return one word for the printed summary of a run: whether the code of an order is unrolled or in loops."""
         return "in loops" if self._is_large(order) else "written out"
 
-    def _is_large(self, order: int) -> bool:
-        if order not in self._large:
-            self._large[order] = is_large(self._packing, order)
-        return self._large[order]
-
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the lowest cost."""
-        if tolerance not in self._orders:
-            self._orders[tolerance] = cheapest_order(self._packing, tolerance)
-        return self._orders[tolerance]
+        return self._order(tolerance)
 
     def code(self, order: int) -> CompiledJet:
         """Return the machine code of the series for an order."""
@@ -92,7 +92,7 @@ class LlvmSeries(Shared):
         return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k, times scale**k."""
+        """Return the scaled Taylor coefficients at a state (2n,)."""
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
@@ -162,10 +162,7 @@ class CompiledJet:
         return self.tiers is None or self.tiers.is_final
 
     def count(self, steps: int) -> bool:
-        """Report that `steps` more steps were taken.
-
-        Return True when optimized code replaces the code compiled quickly.
-        """
+        """Report steps, and return True when optimized code replaces the code compiled quickly."""
         if self.tiers is None or self.tiers.is_final:
             return False
         self.tiers.count(steps)
@@ -203,10 +200,7 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k, times scale**k.
-
-        Event functions and switching surfaces come last.
-        """
+        """Return the scaled Taylor coefficients at a state (2n,), as `Series.rows` does."""
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
@@ -238,3 +232,40 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
         linear_solver(often=False)
     functions = [procedure_ir(prepare, outside=(prepare,), quickly=True), procedure_ir(jet, outside=(jet,))]
     return module_ir(functions, [declaration(callee) for callee in called])
+
+
+_BUILDING = threading.RLock()
+"""Locked while a loop is built and linked, so that two threads do not do it twice."""
+
+
+@lru_cache(maxsize=64)
+def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
+    """Return the compiled loop over Taylor steps for a layout."""
+    with _BUILDING:
+        loop = taylor_steps.form(layout=layout)
+        if not layout.watched:
+            return CompiledProcedure(loop, tiers=True)
+        return CompiledProcedure(loop, tiers=True, elsewhere=event_procedures(), needs=link_events)
+
+
+def event_procedures() -> tuple[Procedure, ...]:
+    """Return the procedures that the loop calls to find events and crossings of switching surfaces."""
+    return inspect_step.form(), begin_sides.form(), reset_state.form(), cross_surface.form()
+
+
+def link_events(*, well: bool) -> None:
+    """Make the event procedures available to modules loaded later: optimized if `well`, else compiled quickly."""
+    with _BUILDING:
+        if well or not _events.cache_info().currsize:
+            _events(well)
+
+
+@cache
+def _events(well: bool) -> Module:
+    """Compile the event procedures and register their addresses under their names. `well` asks for optimization."""
+    reached = transitive_callees(event_procedures())
+    texts = [procedure_ir(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
+    module = Module(module_ir(texts), merge=well, quickly=not well)
+    for procedure in event_procedures():
+        llvm.add_symbol(procedure.name, module.address(procedure.name))
+    return module

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, Layout, kept
+from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, kept
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine
 from lagrange.machine.kernel.interpreted import FLOATS
@@ -53,20 +53,15 @@ class StepDriver:
                 self._call.give(**{name: callback.function, numbers: callback.numbers})
         self._call.give(effort=self._record(EFFORT, layout.effort))
         self._newtons = [self._record(NEWTON, solve.flags) for solve in layout.solves]
-        self._starters = [] if step.starter is None else self._starting(layout)
+        # The layout of the starter, the method of the first steps, follows the vectors of the step.
+        starting = () if step.starter is None else layout.starting.solves
+        self._starters = [self._record(NEWTON, layout.end + solve.flags) for solve in starting]
         self._call.give(**{f"newtons_{i}": record for i, record in enumerate(self._newtons)})
         self._call.give(**{f"starters_{i}": record for i, record in enumerate(self._starters)})
         self._budget: int | None = None
         """The budget of calls without rows, None if the arguments of the loop may be others."""
         self._state: DriverState | None = None
         self._function: StepFunction | None = None
-
-    def _starting(self, layout: Layout) -> list[Any]:
-        """Return the records of Newton's method in the starter (the method of the first steps).
-
-        The layout of the starter follows the vectors of the step.
-        """
-        return [self._record(NEWTON, layout.end + solve.flags) for solve in layout.starting.solves]
 
     def _record(self, record: Record, place: int) -> Any:
         """Return the record that begins at index `place` of the work array."""
@@ -77,10 +72,7 @@ class StepDriver:
         """Do nothing: the state keeps its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
-
-        `rows` needs one spare block after its last row.
-        """
+        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n)."""
         self._work[self._entries] = state.y
         self._use(state)
         if state.integers[DriverState.RECORD]:

@@ -157,7 +157,14 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
     name, share = residuals.worst(t, y, parameters)
     # All terms may be rounding errors, for example those of a pendulum that hangs straight down and spins.
     at = Projection(model, t, parameters)
-    if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION or _locked(at, y, duration):
+    if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION:
+        return ""
+    # In a structure that cannot move, velocities, and so all terms that contain them, are rounding errors. During
+    # `duration` they move no coordinate by more than rounding.
+    units, q = units_of(at.metric(y)), y[model.layout.q]
+    places, rates = (residuals.of_part(part, t, y, parameters, units) for part in (0, 1))
+    sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
+    if places.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
         return ""
     return (
         f"The state at the end violates the constraint {name!r} by {share:.2g} of its terms: the run does not follow "
@@ -177,17 +184,3 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
         f" The initial state was moved onto the constraints, by at most {changes[row]:.2g}, in "
         f"{model.layout.names('.dot')[row]}."
     )
-
-
-def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
-    """Return True if the coordinates satisfy the constraints, and the velocities violate them by rounding only.
-
-    During `duration` such velocities move no coordinate by more than rounding. In a structure that cannot move, all
-    velocities are rounding errors, and so are all terms that contain velocities.
-    """
-    units, q = units_of(at.metric(y)), y[at.model.layout.q]
-    places = at.residuals.of_part(0, at.t, y, at.parameters, units)
-    rates = at.residuals.of_part(1, at.t, y, at.parameters, units)
-    sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
-    still = (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all()
-    return bool(still) and places.largest <= ON_SURFACE

@@ -105,7 +105,14 @@ class Discontinuities:
         order = np.argsort(rows, kind="stable")
         surfaces, rows = surfaces[order], rows[order]
         parts = self._zeros(times, states, rows, surfaces)
-        jumping = self._jumping(times, states, rows, parts)
+        before, near, behind, far = (
+            _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
+            for share in (-2, -1, 1, 2)
+        )
+        with np.errstate(all="ignore"):
+            over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
+            # First the constraints phi, then psi with their gradients G, one column for each step.
+            jumping = over > CONTINUOUS * beside + CHANGE_NOISE
         passed = np.flatnonzero(jumping.any(axis=0))
         if not len(passed):
             return None
@@ -151,21 +158,6 @@ class Discontinuities:
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         return high
 
-    def _jumping(
-        self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
-    ) -> NDArray[np.bool_]:
-        """Return a mask (p + m, steps) of the constraints that jump at the fractions `parts` of steps.
-
-        The first p rows are for values phi. The other m rows are for values psi and their gradients G.
-        """
-        before, near, behind, far = (
-            _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
-            for share in (-2, -1, 1, 2)
-        )
-        with np.errstate(all="ignore"):
-            over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
-            return over > CONTINUOUS * beside + CHANGE_NOISE
-
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
         """Return the first step on which a row of G that depends on velocities becomes zero, or None.
 
@@ -182,7 +174,11 @@ class Discontinuities:
             which, rows = np.nonzero((least <= VANISHING_GRADIENT * ends) & (np.diff(times) != 0))
         for row, index in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
             constraint, part = int(self.residuals.turning[index]), float(parts[index, row])
-            if self._holds_between(times[row : row + 2], states[row : row + 2], part, constraint):
+            # The constraint must hold there, relative to its terms at both ends of the step.
+            t, y = _chord(times, states, np.full(3, row), np.array([0.0, 1.0, part]))
+            values, sizes = self.residuals.of_many(t, y, self.parameters)
+            of_velocity = self.residuals.places + constraint
+            if abs(values[of_velocity, 2]) <= VANISHING_GRADIENT * max(sizes[of_velocity, :2]):
                 dependent = Singular(0.0, rows=((constraint, 1.0),))
                 relation = dependent_rows(self.model.equations.constraints.names, dependent)
                 return (
@@ -195,13 +191,6 @@ class Discontinuities:
                     ),
                 )
         return None
-
-    def _holds_between(self, times: FloatArray, states: FloatArray, part: float, constraint: int) -> bool:
-        """Return True if a constraint holds at the fraction `part` of a step, relative to its terms at both ends."""
-        t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
-        values, sizes = self.residuals.of_many(t, y, self.parameters)
-        row = self.residuals.places + constraint
-        return bool(abs(values[row, 2]) <= VANISHING_GRADIENT * max(sizes[row, :2]))
 
 
 @dataclass(frozen=True, eq=False)

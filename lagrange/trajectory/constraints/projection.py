@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.euler_lagrange import RELATION
@@ -72,7 +71,11 @@ class Projection:
         alone[rows] = True
         completed_state = self.solved_for(rows.tolist(), y)
         if completed_state is None:
-            completed_state = self._beside_rest(rows, y)
+            # Equations such as 1 - e = abs(e.dot)*e.dot have no slope at rest: the guesses 1 and -1 must agree.
+            starts = (np.where(alone & (y == 0.0), sign, y) for sign in (1.0, -1.0))
+            ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
+            unique = ends and np.allclose(ends[0], ends[-1], rtol=TYPED_ROUNDING, atol=0.0)
+            completed_state = ends[0] if unique else None
         if completed_state is None:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
@@ -80,16 +83,6 @@ class Projection:
                 f"({self.place(y)}) that satisfy the equations of motion, of first order: give another state."
             )
         return np.where(alone & (y == 0.0), completed_state, y)
-
-    def _beside_rest(self, rows: NDArray[np.int_], y: FloatArray) -> FloatArray | None:
-        """Solve for the velocities in `rows` as `completed` does, but from nonzero initial guesses, 1 and -1.
-
-        Equations such as 1 - e = abs(e.dot)*e.dot have no slope at rest. The result is None if there are several
-        solutions.
-        """
-        starts = (np.where(np.isin(np.arange(len(y)), rows) & (y == 0.0), sign, y) for sign in (1.0, -1.0))
-        ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
-        return ends[0] if ends and np.allclose(ends[0], ends[-1], rtol=TYPED_ROUNDING, atol=0.0) else None
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
         """Return a state with the entries `rows` computed from all others; None if the others do not determine them."""

@@ -92,11 +92,15 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         return [] if balances is None else [balances]
     kept: list[Balance] = []
     for balance in _balances(matrix, bias, contacts):
-        twin = next((i for i, other in enumerate(kept) if _same(balance, other, matrix, bias)), None)
+        close = 10 * _noise(matrix, bias, balance.forces)
+        same = (i for i, other in enumerate(kept) if (np.abs(balance.rates - other.rates) <= close).all())
+        twin = next(same, None)
         if twin is None:
             kept.append(balance)
-        elif _size(balance) < (1 - NOISE) * _size(kept[twin]) and _sliding(balance) == _sliding(kept[twin]):
-            kept[twin] = balance
+        elif balance.states.count(SLIDING) == kept[twin].states.count(SLIDING):
+            size, other_size = (float(np.linalg.norm(each.forces)) for each in (balance, kept[twin]))
+            if size < (1 - NOISE) * other_size:
+                kept[twin] = balance
     return [balance for balance in kept if not any(_displaces(other, balance, contacts) for other in kept)]
 
 
@@ -108,22 +112,9 @@ def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
         row += 1 + contact.components
 
 
-def _sliding(balance: Balance) -> int:
-    return balance.states.count(SLIDING)
-
-
-def _size(balance: Balance) -> float:
-    return float(np.linalg.norm(balance.forces))
-
-
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
     """Return the rounding errors (..., rows) of the rates A f + b for forces f (..., rows): smaller rates are zero."""
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
-
-
-def _same(one: Balance, other: Balance, matrix: FloatArray, bias: FloatArray) -> bool:
-    """Return True if two solutions have the same rates, up to rounding."""
-    return bool((np.abs(one.rates - other.rates) <= 10 * _noise(matrix, bias, one.forces)).all())
 
 
 def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:

@@ -201,10 +201,6 @@ class Kinematics:
             return np.empty((0, n))
         return np.asarray(self.model.kernel("constraint_gradient")(t, y, self.parameters)).reshape(-1, n)
 
-    def free_acceleration(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the accelerations (n,) without contact forces."""
-        return np.asarray(self.model.kernel("rhs")(t, y, self.parameters))[self.model.layout.v]
-
     def restitution(self, contact: int, speed: float) -> float:
         """Return the restitution of a contact at an impact speed. Raises StatementError outside of [0, 1]."""
         value = float(self._restitution[contact].xreplace({impact_speed: Float(speed, 17)}))

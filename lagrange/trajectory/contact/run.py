@@ -127,7 +127,8 @@ class _ContactRun:
             try:
                 behind = self._after(mode, fired)
             except Undetermined as refusal:
-                self._stop(Status.SINGULAR, str(refusal))
+                told = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
+                self.parts[-1] = replace(part, status=Status.SINGULAR, message=told)
                 break
             self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), behind.before)
             stop = (last, "") if last is not None else self._limit(end, mode, behind.mode)
@@ -136,19 +137,14 @@ class _ContactRun:
                 break
             segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
         run = joined(problem, self.parts, self._note(), both_at_joints=True)
-        return replace(run, contacts=self._history())
+        impacts, rests = tuple(map(np.concatenate, self.impacts)), tuple(map(tuple, self.rests))
+        return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
 
     def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
         """Append a segment and its mode to the run."""
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
-
-    def _stop(self, status: Status, cause: str) -> None:
-        """Set the status and the cause with which the last segment ends the run."""
-        part = self.parts[-1]
-        told = message(status, self.problem, part.span[1], last_state(part), part.method, cause=cause)
-        self.parts[-1] = replace(part, status=status, message=told)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
         """Return the status and the cause of a run that reached a limit between two modes, or None."""
@@ -180,7 +176,9 @@ class _ContactRun:
         if self.parts:
             states = self.parts[-1].y.max(axis=1, initial=0.0), -self.parts[-1].y.min(axis=1, initial=0.0)
             self.largest = np.max([self.largest, *states, np.abs(segment.y0)], axis=0)
-        if self.parts and self._holds_still(mode):
+        zeros = [event.expression for event in self.problem.events]
+        if self.parts and mode.still and self.modes.without_time(zeros):
+            # The mode lasts forever, and no event of the user occurs.
             part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
             self.found, self.end_state, self.fired = part, segment.y0, []
         while part is None:
@@ -213,21 +211,13 @@ class _ContactRun:
             self._locate_end(chosen)
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
         if friction is not None and not part.status.complete:
-            part = self._told(part)
+            # The message names coordinates of the system only.
+            at_end = part.status, self.problem, part.span[1], last_state(part)
+            part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
         self._keep(segment.t0, mode, self._verified(part, mode))
         self.begins += [t for t, _ in changes]
         self.kept += [following for _, following in changes]
         return self.kept[-1]
-
-    def _holds_still(self, mode: Mode) -> bool:
-        """Return True if a mode lasts forever, and no event of the user occurs."""
-        zeros = [event.expression for event in self.problem.events]
-        return mode.still and self.modes.without_time(zeros)
-
-    def _told(self, part: Trajectory) -> Trajectory:
-        """Return the segment `part`, which ended early, with a message that names coordinates of the system only."""
-        at_end = part.status, self.problem, part.span[1], last_state(part)
-        return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
         """Return a segment; its status is UNRELIABLE if bodies overlap in it, because an impact was missed."""
@@ -315,7 +305,11 @@ class _ContactRun:
         A series locates the zero only up to the tolerance of the run. The run continues from the corrected end. Also
         stores the contacts whose events ended the segment.
         """
-        part, (begin, end), y = self.found, self.found.span, self._end_state()
+        part, (begin, end), users = self.found, self.found.span, len(self.problem.events)
+        fired = zip(part.t_events[users:], part.y_events[users:], strict=True)
+        at_end = (states[-1] for times, states in fired if len(times) and times[-1] == end)
+        y = next(map(np.ascontiguousarray, at_end), None)
+        y = last_state(part) if y is None else y
         self.fired = self._fired()
         if self.fired:
             event, parameters = self.prepared.ends.index(self.fired[0]), segment.parameter_array
@@ -327,14 +321,6 @@ class _ContactRun:
                 y, end = y - late * rates, end - late
                 part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
         self.end_state, self.found = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
-
-    def _end_state(self) -> FloatArray:
-        """Return the state (2n,) at the events that ended the last segment, before any reset."""
-        segment, users = self.found, len(self.problem.events)
-        for when, states in zip(segment.t_events[users:], segment.y_events[users:], strict=True):
-            if len(when) and when[-1] == segment.span[1]:
-                return np.ascontiguousarray(states[-1])
-        return last_state(segment)
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
         """Return the state and the mode after the last segment, and after the impacts at its end."""
@@ -408,14 +394,6 @@ class _ContactRun:
             rank = f"rank {len(shared.kept)} of {self.modes.constraint_count(shared)}"
             told.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
         return " ".join(told)
-
-    def _history(self) -> ContactHistory:
-        return ContactHistory(
-            np.array(self.begins),
-            tuple(self.kept),
-            tuple(map(np.concatenate, self.impacts)),
-            tuple(map(tuple, self.rests)),
-        )
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:

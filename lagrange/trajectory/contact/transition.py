@@ -247,7 +247,7 @@ class Transitions:
         kin, count = self.kinematics, len(self.kinematics.contacts)
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
         slides: dict[int, FloatArray] = {}
-        free = kin.free_acceleration(t, y)
+        free = np.asarray(kin.model.kernel("rhs")(t, y, kin.parameters))[self._layout.v]
         pulls, terms = (
             touch.directions @ free + touch.bias,
             np.abs(touch.directions) @ np.abs(free) + np.abs(touch.bias),

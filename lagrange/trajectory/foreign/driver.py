@@ -200,7 +200,8 @@ class SolverDriver:
     def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
         if state.t == state.reals[S.END]:
             return None
-        if self._vanished is not None and (fault := self._unanswered(state)):
+        fault, self._vanished = self._vanished, None
+        if fault is not None and np.array_equal(state.floors, self._asked):
             return fault
         solver = self._solver
         if solver is None or not state.count(S.KEPT):
@@ -243,11 +244,6 @@ class SolverDriver:
             return False
         self._solver, self._asked, self._vanished = None, state.floors.copy(), fault
         return True
-
-    def _unanswered(self, state: DriverState) -> Fault | None:
-        """Return the fault that led to the survey if the survey changed nothing, else None."""
-        fault, self._vanished = self._vanished, None
-        return fault if np.array_equal(state.floors, self._asked) else None
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
         """Set the floors by the sizes of entries at the start. Return the first step, infinity if the solver chooses.

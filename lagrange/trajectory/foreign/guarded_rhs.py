@@ -55,16 +55,12 @@ class GuardedRhs:
         self.last_jacobian: FloatArray | None = None
         self._timed = deadline < math.inf
         self._kernel = problem.model.kernel("rhs")
-        self._quick = self._quick_calls()
-        self._step_began, self._most = 0, EVALUATIONS_PER_STEP
-
-    def _quick_calls(self) -> Callable[[float, FloatArray], FloatArray | None]:
-        """Return the right-hand side as a function of time and state, which returns None if it is not finite."""
         try:
             quick = self._kernel.quick(self.parameters)
         except SingularMassMatrix:
             quick = None
-        return nothing if quick is None else quick.whole
+        self._quick: Callable[[float, FloatArray], FloatArray | None] = nothing if quick is None else quick.whole
+        self._step_began, self._most = 0, EVALUATIONS_PER_STEP
 
     @property
     def in_step(self) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 import warnings
 from abc import ABC
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import methodcaller
@@ -146,14 +146,13 @@ class ScipyMethod(ABC):
     def integrate(self, problem: Problem) -> Trajectory:
         """Return the trajectory of the problem."""
         start, power = partial(_ScipyStepper, self), self.first_power if self.first_step is None else 0
-        return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit), power)
+        # Explicit solvers give no warnings.
+        listening: AbstractContextManager[Sequence[Any]] = nullcontext([]) if self.claims.explicit else _captured()
+        return drive_stepwise(problem, self.name, "SciPy", start, listening, power)
 
 
 @contextmanager
-def _captured(wanted: bool) -> Iterator[list[warnings.WarningMessage]]:
-    if not wanted:
-        yield []
-        return
+def _captured() -> Iterator[list[warnings.WarningMessage]]:
     with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield caught

@@ -66,10 +66,7 @@ class CVODE:
                 f"{highest}."
             )
 
-    @property
-    def name(self) -> str:
-        """The name of the method in the registry."""
-        return "cvode"
+    name = "cvode"
 
     @cached_property
     def claims(self) -> Claims:

@@ -61,7 +61,11 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
     # The proof of conservation may take a second, so it comes last.
     if not model.conservative:
         return trajectory
-    return replace(trajectory, status=Status.UNRELIABLE, message=_with_energy_loss(trajectory, before, after, adaptive))
+    note = (
+        f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
+        f"follow the motion. {_remedy(trajectory, adaptive)}"
+    )
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
@@ -70,7 +74,9 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
     The tolerance depends on the kinetic energy, the error of the method, and rounding. Cheap tests come first.
     """
     change = abs(after - before)
-    if change <= SMALL_CHANGE * _kinetic_energy_at(problem, end):
+    model = problem.model
+    momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
+    if momenta is not None and change <= SMALL_CHANGE * abs(float(momenta @ end[model.layout.v])) / 2:
         return True
     if change <= SMALL_CHANGE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
@@ -98,7 +104,7 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
     ]
     if not resets:
         return trajectory.y[:, -1], float(trajectory.t[-1])
-    time, state = min(resets, key=lambda one: one[0])
+    time, state = min(resets, key=lambda pair: pair[0])
     return state, direction * time
 
 
@@ -118,13 +124,6 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
         states = trajectory.dense(times)
     speeds = np.sqrt(_finite(_kinetic(problem, states)))
     return float(speeds.sum() / max(len(speeds), 1)) ** 2
-
-
-def _kinetic_energy_at(problem: Problem, y: FloatArray) -> float:
-    """Return |v.p| / 2 of one state (2n,), or 0 if the momenta have no quick call for a single state."""
-    model = problem.model
-    momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, y)
-    return 0.0 if momenta is None else abs(float(momenta @ y[model.layout.v])) / 2
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
@@ -148,15 +147,6 @@ def _noise(problem: Problem, before: float) -> float:
 
 def _finite(values: FloatArray) -> FloatArray:
     return values[np.isfinite(values)]
-
-
-def _with_energy_loss(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
-    """Return the message of the run, followed by the change of the energy from `before` to `after` and the remedy."""
-    note = (
-        f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
-        f"follow the motion. {_remedy(trajectory, adaptive)}"
-    )
-    return f"{trajectory.message} {note}"
 
 
 def _remedy(trajectory: Trajectory, adaptive: bool) -> str:

@@ -56,18 +56,15 @@ class ConstraintForces:
         rows = self._from(0, len(self.t))
         return ByName("constraint", zip(self.names, rows, strict=True))
 
-    def _at_states(self, which: slice) -> FloatArray:
-        """Return the multipliers (m, k) at the states in a slice."""
-        q, v = self.model.layout.split(self.y[:, which])
-        return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
-
     def _from(self, begin: int, end: int) -> FloatArray:
         """Return the multipliers (m, k) at states `begin` to before `end`; NaN at states that do not determine them.
 
         Bisection finds the states without multipliers. Usually this is the last state, where a run ended.
         """
         try:
-            return self._at_states(slice(begin, end))
+            which = slice(begin, end)
+            q, v = self.model.layout.split(self.y[:, which])
+            return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
         except RunError:
             middle = (begin + end) // 2
             if end - begin == 1:
@@ -137,7 +134,11 @@ class ConstraintForces:
         places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
         for count in range(1, MOST_RELATED_POINTS + 1):
-            candidates = [chosen for chosen in combinations(moving, count) if self._relates(chosen, rows, places)]
+            candidates = [
+                chosen
+                for chosen in combinations(moving, count)
+                if all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
+            ]
             if len(candidates) == 1:
                 return candidates[0]
             if candidates:
@@ -151,10 +152,6 @@ class ConstraintForces:
             f"alone ({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction "
             "where there is no constraint, or take the generalized forces, constraint_force(name)."
         )
-
-    def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:
-        """Return True if, at the states `places`, a row of G is a unique linear combination of dr/dq of the points."""
-        return all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
 
     def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:
         for k in places.tolist():

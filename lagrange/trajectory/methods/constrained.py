@@ -71,12 +71,7 @@ class LobattoPair:
         return place, end
 
 
-def _pair(stages: int) -> LobattoPair:
-    (A, b, c), conjugate = lobatto_pair(stages)
-    return LobattoPair(A, b, c, conjugate)
-
-
-RATTLE, LOBATTO4 = map(_pair, (2, 3))
+RATTLE, LOBATTO4 = (LobattoPair(*lobatto_pair(stages)) for stages in (2, 3))
 
 
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:

@@ -54,10 +54,7 @@ class Taylor:
                 f"order = {shown(self.order)}: give a whole number from {LOWEST_ORDER} to {TOP_ORDER}, or leave it out."
             )
 
-    @property
-    def name(self) -> str:
-        """The registered name."""
-        return "taylor"
+    name = "taylor"
 
     @cached_property
     def claims(self) -> Claims:

@@ -40,17 +40,15 @@ class OutputPath:
         is_inside[is_inside] = output_times[index[is_inside]] == sought[is_inside]
         if is_inside.all():
             return self.states[:, index]
-        states = self._between(wanted[~is_inside])
+        between = wanted[~is_inside]
+        if self.path is None:
+            raise RunError(f"there is no state at t = {between[0]:.16g}: {self.refusal}")
+        states = self.path(between)
         if not is_inside.any():
             return states
         result = np.empty((len(states), len(wanted)))
         result[:, ~is_inside], result[:, is_inside] = states, self.states[:, index[is_inside]]
         return result
-
-    def _between(self, times: FloatArray) -> FloatArray:
-        if self.path is None:
-            raise RunError(f"there is no state at t = {times[0]:.16g}: {self.refusal}")
-        return self.path(times)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lagrange.machine.backend import Places, Series
+from lagrange.machine.backend import Series
 from lagrange.trajectory.paths.step_paths import sorted_along
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -42,20 +42,13 @@ class SeriesPath:
         sign = 1.0 if self.times[-1] >= self.times[0] else -1.0
         steps = np.searchsorted(sign * self.times, sign * wanted, side="right") - 1
         steps = np.clip(steps, 0, len(self.times) - 2)
-        for values, part in self._parts(steps):
-            self.series.dense(self.order, values).at(self.times, self.states, wanted[part], states[:, part])
+        begins = np.searchsorted(steps, [begin for begin, _ in self.epochs]).tolist()
+        for (_, values), first, last in zip(self.epochs, begins, [*begins[1:], len(steps)], strict=True):
+            if first < last:
+                part = slice(first, last)
+                self.series.dense(self.order, values).at(self.times, self.states, wanted[part], states[:, part])
         for step, path in self.continuations.items():
             first, last = np.searchsorted(steps, [step, step + 1])
             if first < last:
                 states[:, first:last] = path(wanted[first:last])
         return states
-
-    def _parts(self, found: Places) -> Iterator[tuple[FloatArray, slice]]:
-        """Yield parameters and sides of surfaces, each with the slice of the steps for which they are valid.
-
-        `found` (K,) are the numbers of the steps that contain the times.
-        """
-        begins = np.searchsorted(found, [begin for begin, _ in self.epochs]).tolist()
-        for (_, values), first, last in zip(self.epochs, begins, [*begins[1:], len(found)], strict=True):
-            if first < last:
-                yield values, slice(first, last)

@@ -63,10 +63,6 @@ def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 
-def _is_row(given: object) -> bool:
-    return isinstance(given, tuple) and all(isinstance(x, (int, float, Fraction)) for x in given)
-
-
 @dataclass(frozen=True)
 class ErrorEstimate:
     """An embedded error estimate h sum_j weights[j] k_j, of which step control takes the scaled RMS norm.
@@ -137,7 +133,9 @@ class ButcherTableau:
             object.__setattr__(self, "dense", replace(self.dense, c=self.dense.c or sums[self.stages :]))
         for i, (abscissa, derived) in enumerate(zip(self.abscissae, sums, strict=True)):
             self._check(f"c_{i + 1} is the sum of row {i + 1} of A,", abscissa, derived)
-        self._check_order()
+        for tree in self._elementary:
+            if size(tree) <= self.order:
+                self._check_tree("sum b_i", tree, self.b, Fraction(1, density(tree)))
         self._check_error()
         self._check_dense()
 
@@ -205,7 +203,8 @@ class ButcherTableau:
         text(self.name, "name")
         object.__setattr__(self, "order", whole_number(self.order, "order", 0))
         rows = self.A if isinstance(self.A, tuple) else (None,)
-        if not all(_is_row(row) for row in (*rows, self.b, self.c)):
+        vectors = (*rows, self.b, self.c)
+        if not all(isinstance(v, tuple) and all(isinstance(x, (int, float, Fraction)) for x in v) for v in vectors):
             raise self._refuse("b, c and the rows of A are tuples of numbers; lg.methods.tableau() takes lists")
         for what, part, kind in (("error", self.error, ErrorEstimate), ("dense", self.dense, DenseOutput)):
             if part is not None and not isinstance(part, kind):
@@ -238,11 +237,6 @@ class ButcherTableau:
                 raise self._refuse(f"its dense output has {count} rows of weights for {s + extra} stages")
         if not all(isfinite(value) for vector in vectors for value in vector):
             raise self._refuse("a coefficient is not a finite number")
-
-    def _check_order(self) -> None:
-        for tree in self._elementary:
-            if size(tree) <= self.order:
-                self._check_tree("sum b_i", tree, self.b, Fraction(1, density(tree)))
 
     def _check_error(self) -> None:
         """Check the orders of the embedded solutions, with weights b - e: sum e_i Phi_i(tree) = 0."""

@@ -55,14 +55,14 @@ def gauss_tableau(stages: int) -> Tableau:
     return tuple(tuple(map(_rounded, row)) for row in A), tuple(map(_rounded, b)), c
 
 
-def lobatto_pair(stages: int) -> tuple[Tableau, tuple[tuple[Any, ...], ...]]:
+def lobatto_pair(stages: int) -> tuple[Any, ...]:
     """Return A, b, c of Lobatto IIIA in 2 or 3 stages, and A of IIIB, with which it is a symplectic pair.
 
     Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.4 and VI.4.2.
     """
     A, b, c = collocation_tableau([Fraction(i, stages - 1) for i in range(stages)])
     conjugate = tuple(tuple(bj - bj * A[j][i] / bi for j, bj in enumerate(b)) for i, bi in enumerate(b))
-    return (A, b, c), conjugate
+    return A, b, c, conjugate
 
 
 def _zero(near: float, degree: int) -> Fraction:

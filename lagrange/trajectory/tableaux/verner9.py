@@ -10,7 +10,6 @@ from fractions import Fraction
 from functools import cache
 
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
-from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 
 MATRIX = (
     "",
@@ -198,20 +197,16 @@ _WEIGHTS = {
 """Weights of the dense output, by the index of the stage, for stages with any."""
 
 
-def _dense_weights() -> tuple[Coefficients, ...]:
-    nothing = (Fraction(0),)
-    return tuple(_WEIGHTS.get(j, nothing) for j in range(len(MATRIX) + len(_EXTRA)))
-
-
 @cache
 def verner9() -> ButcherTableau:
     """Return the tableau, built and checked at the first call: order 9 has 486 conditions."""
+    weights = tuple(_WEIGHTS.get(j, (Fraction(0),)) for j in range(len(MATRIX) + len(_EXTRA)))
     return ButcherTableau(
         name="verner9",
         order=9,
         A=tuple(map(row, MATRIX)),
         b=row(B),
         error=ErrorEstimate(_ERROR, order=8),
-        dense=DenseOutput(_dense_weights(), order=8, stages=_EXTRA),
+        dense=DenseOutput(weights, order=8, stages=_EXTRA),
         source="Verner, Numer. Algorithms 53, 2010, 'most efficient' pair IIIXb of orders 9(8)",
     )
