@@ -16,22 +16,15 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.show.files.picture import bounded_png
-from lagrange.statement.coordinate import name_of, rotation_name
-from lagrange.statement.scene.library import LibraryScene, library, load
+from lagrange.statement.scene.library import library
 
 DOCS = Path(__file__).resolve().parent
 
 
 def scene_table() -> str:
     """Return one row per scene of the library."""
-    lines = ["| scene | coordinates | what it shows |", "|---|---|---|", *map(_scene_row, library())]
+    lines = ["| scene | what it shows |", "|---|---|", *(f"| `{scene.name}` | {scene.about} |" for scene in library())]
     return "\n".join(lines)
-
-
-def _scene_row(scene: LibraryScene) -> str:
-    coordinates = load(scene.name).coordinates
-    names = dict.fromkeys(rotation_name(q) or name_of(q) for q in coordinates)
-    return f"| `{scene.name}` | {', '.join(f'`{name}`' for name in names)} | {scene.about} |"
 
 
 TABLES = {
