@@ -17,6 +17,7 @@ from sympy import cos
 import lagrange as lg
 from lagrange.show.files.picture import bounded_png
 from lagrange.statement.scene.library import library
+from lagrange.trajectory.methods.registry import MARKS
 
 DOCS = Path(__file__).resolve().parent
 
@@ -27,9 +28,19 @@ def scene_table() -> str:
     return "\n".join(lines)
 
 
+def method_table() -> str:
+    """Return one row per method, with the claims that hold in one column."""
+    lines = ["| method | order | step | claims | dense | about |", "|---|---|---|---|---|---|"]
+    for name, claims, about in ((row.name, row.claims, row.about) for row in lg.methods.table()):
+        step = "adaptive" if claims.adaptive else "fixed"
+        held = ", ".join(title for title, holds in MARKS if holds(claims))
+        lines.append(f"| `{name}` | {claims.order} | {step} | {held} | {claims.dense or ''} | {about} |")
+    return "\n".join(lines)
+
+
 TABLES = {
     "scenes": ("scenes.md", scene_table),
-    "methods": ("choosing-an-integrator.md", lambda: lg.methods.table().to_markdown()),
+    "methods": ("choosing-an-integrator.md", method_table),
 }
 """Each table by the name in its markers: its page, and what makes it."""
 
