@@ -35,7 +35,7 @@ from lagrange.procedure.form import (
     walk,
 )
 from lagrange.procedure.lane_values import MemberMemory, MemberStatements, MemberVariable, is_cheap, leaves
-from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
+from lagrange.procedure.spread import Share, Signature, Spreads, signature_of, spread_of
 from lagrange.procedure.visit import Visitor, visits
 
 ACTIVE = "active"
@@ -50,7 +50,7 @@ class MemberProcedures:
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
-        self.spreads = Spreads()
+        self.spreads: Spreads = {}
         self.known: dict[tuple[Procedure, Signature], Procedure] = {}
         self.numbers = count()
 
@@ -100,7 +100,7 @@ class _Rewriter(Visitor, MemberStatements):
     def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:
         super().__init__(program.lanes)
         self.program, self.procedure, self.signature = program, procedure, signature
-        self.spread = program.spreads.of(procedure, signature)
+        self.spread = spread_of(procedure, signature, program.spreads)
         self.values: dict[int, int] = {}
         self.types: dict[int, Array | Record] = {}
         self.memory: dict[int, MemberMemory] = {}

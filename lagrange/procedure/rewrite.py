@@ -71,12 +71,10 @@ class _Binder:
         return made
 
     def _block(self, block: Block, given: Mapping[int, Procedure]) -> Block:
-        return tuple(self._statement(one, given) for one in block)
-
-    def _statement(self, statement: Statement, given: Mapping[int, Procedure]) -> Statement:
-        if isinstance(statement, form.Call):
-            return self._call(statement, given)
-        return rebuilt(statement, lambda block: self._block(block, given))
+        return tuple(
+            self._call(one, given) if isinstance(one, form.Call) else rebuilt(one, lambda b: self._block(b, given))
+            for one in block
+        )
 
     def _call(self, call: form.Call, given: Mapping[int, Procedure]) -> form.Call:
         if not isinstance(call.callee, Procedure):

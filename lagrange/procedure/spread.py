@@ -59,18 +59,19 @@ class Spread:
     results: tuple[bool, ...]
 
 
-class Spreads:
-    """Cache of the analyses of procedures, by procedure and signature."""
+Spreads = dict[tuple[Procedure, Signature], Spread]
+"""Cache of the analyses of procedures, by procedure and signature."""
 
-    def __init__(self) -> None:
-        self.known: dict[tuple[Procedure, Signature], Spread] = {}
 
-    def of(self, procedure: Procedure, signature: Signature) -> Spread:
-        """Return the analysis of a procedure for a signature, which says which arguments differ between members."""
-        key = procedure, signature
-        if key not in self.known:
-            self.known[key] = _SpreadSearch(self, procedure, signature).spread()
-        return self.known[key]
+def spread_of(procedure: Procedure, signature: Signature, known: Spreads) -> Spread:
+    """Return the analysis of a procedure for a signature, which says which arguments differ between members.
+
+    `known` has the analyses so far.
+    """
+    key = procedure, signature
+    if key not in known:
+        known[key] = _SpreadSearch(known, procedure, signature).spread()
+    return known[key]
 
 
 class _SpreadSearch:
@@ -153,6 +154,6 @@ class _SpreadSearch:
         """Record which results of a call differ between members."""
         if not isinstance(call.callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
-        found = self.spreads.of(call.callee, signature_of(call, self.own, self.apart))
+        found = spread_of(call.callee, signature_of(call, self.own, self.apart), self.spreads)
         for ref, own in zip(call.refs, found.results, strict=True):
             self.mark(ref, own=own)

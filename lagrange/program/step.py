@@ -332,7 +332,7 @@ def trace(
     given = [TracedVector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
     recorder = Recorder(name, law, graph, len(given))
     try:
-        returned = function(recorder.call, time, *given, h, *([Solver(recorder)] if implicit else []))
+        returned = function(recorder.call, time, *given, h, *([recorder] if implicit else []))
     except TypeError as error:
         raise StatementError(
             f"step function {name} cannot be compiled: {error}. A step adds vectors and multiplies them by numbers "
@@ -432,7 +432,10 @@ class TracedVector:
 
 
 class Recorder:
-    """Records the calls of the law and the solves of a step function. Its methods are arguments of that function."""
+    """Records the calls of the law and the solves of a step function.
+
+    The method `call` is the argument f, a or g of that function, and the recorder itself the argument `solve`.
+    """
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph
@@ -479,8 +482,13 @@ class Recorder:
             self.inner.update(dict.fromkeys(range(first, self.vectors)))
         return results if len(results) > 1 else results[0]
 
-    def solve(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
-        """Record unknown vectors and return them. `Solver` documents the arguments."""
+    def __call__(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
+        """Return the unknowns at which `residual(*unknowns)` is zero: one vector, or a tuple if the guess is a tuple.
+
+        A guess may be a function without arguments, which is called only if there are no previous steps to extrapolate
+        from. `predict(ratio, *unknowns)` extrapolates the unknowns of the previous step over a step `ratio` times as
+        long. Without it the unknowns of steps of equal size are extrapolated.
+        """
         if not self.law.derivative or self.inside is not None:
             raise StatementError(
                 f"step function {self.name} cannot solve here: solve is for the laws 'rhs', 'momentum' and "
@@ -531,23 +539,3 @@ class Recorder:
                 "predictions add vectors and multiply them by numbers made of t and h."
             )
         return made, tuple(vector.combination() for vector in vectors), several
-
-
-class Solver:
-    """The argument `solve` of an implicit step function."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-
-    def __call__(self, residual: Callable[..., Any], guess: Any, predict: Callable[..., Any] | None = None) -> Any:
-        """Return the unknowns at which `residual(*unknowns)` is zero: one vector, or a tuple if the guess is a tuple.
-
-        A guess may be a function without arguments, which is called only if there are no previous steps to extrapolate
-        from. `predict(ratio, *unknowns)` extrapolates the unknowns of the previous step over a step `ratio` times as
-        long. Without it the unknowns of steps of equal size are extrapolated.
-        """
-        return self._recorder.solve(residual, guess, predict)
-
-    def damp(self, factor: Any, vector: Any) -> Any:
-        """Return (I - factor J)^-1 vector, where J is the Jacobian of f that the last solve used."""
-        return self._recorder.damp(factor, vector)

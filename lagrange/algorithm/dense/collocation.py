@@ -14,7 +14,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import (
@@ -50,7 +49,11 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     """
     points, s = np.array(c), len(c)
     zero = Polynomial.fromroots(points)
-    basis = [_lagrange(np.concatenate([[0.0], points]), i + 1) for i in range(s)]
+    basis: list[Polynomial] = []
+    nodes = np.concatenate([[0.0], points])
+    for i in range(1, s + 1):
+        others = np.delete(nodes, i)
+        basis.append(Polynomial.fromroots(others) / np.prod(nodes[i] - others))
     # The integral over the step is zero, because Radau's formula integrates polynomials of higher degree exactly.
     rates = np.array([one.deriv().coef for one in basis])
     parts = [points, np.array(A), np.linalg.inv(np.array(A)), rates, zero.coef]
@@ -61,13 +64,6 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     table = np.concatenate([part.ravel() for part in (*parts, powers)])
     matrices = 1 + 2 * (s - 1) ** 2
     return StepPolynomial(collocation, ROOM, s + 1, s, table, vectors=4 * s, matrices=matrices, derivative=True)
-
-
-def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
-    """Return the Lagrange polynomial that is 1 at point number `which` and 0 at the other points."""
-    others = np.delete(points, which)
-    found: Polynomial = Polynomial.fromroots(others) / np.prod(points[which] - others)
-    return found
 
 
 @procedure(apart=True, block=block_type)

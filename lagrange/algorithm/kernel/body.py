@@ -203,8 +203,11 @@ class Body:
                 self.solve(step.factor, step.solves)
             elif step not in groups:
                 self.instruction(step)
-            elif self.stands_in_rows(groups[step]):
-                self.gather(step, groups[step].solves)
+            elif self.style.side_by_side:
+                # The right-hand sides of a group are adjacent columns in memory, unless the solution is written out.
+                plan = self.program.eliminations[groups[step].factor]
+                if not written_out(plan, self.style.largest):
+                    self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
         """Return the largest number of systems with the matrix of the instruction `factor` that are solved together."""
@@ -319,11 +322,6 @@ class Body:
                 p.call(solve_factored.form(), n, factors, vector.at(column * n))
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
-    def stands_in_rows(self, group: SolveGroup) -> bool:
-        """Return True if the right-hand sides of a group are stored as adjacent columns in memory."""
-        plan = self.program.eliminations[group.factor]
-        return self.style.side_by_side and not written_out(plan, self.style.largest)
-
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
         """Return the memory in which the right-hand sides of `solves` are adjacent columns, and the length of a row."""
         n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), WIDEST_VECTOR)
@@ -373,19 +371,16 @@ class Body:
         kept = [[p.variable(value) for value in x] for x in found]
         with p.when(~good, likely=False):
             before = dict(self.values)
-            solve = self.in_a_band if plan.negative else self.densely
-            for variables, values in zip(kept, solve(one, plan, right), strict=True):
+            if plan.negative:
+                solutions = self.in_a_band(one, plan, right)
+            else:
+                # `factor_dense` recognizes definite matrices in any units.
+                solutions = self.in_memory(plan.order, self.factored_in_memory(one), right)
+            for variables, values in zip(kept, solutions, strict=True):
                 for variable, value in zip(variables, values, strict=True):
                     variable.value = value
             self.values = before
         return [[variable.value for variable in x] for x in kept]
-
-    def densely(self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return solutions for the right-hand sides `right` by `factor_dense`, for the matrix of the instruction `one`.
-
-        `factor_dense` recognizes definite matrices in any units.
-        """
-        return self.in_memory(plan.order, self.factored_in_memory(one), right)
 
     def in_a_band(
         self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]

@@ -27,7 +27,9 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
         row = plan.rows[j]
         for i in (j, *plan.columns[j]):
             products = [(scaled[i, k], lower[j, k]) for k in row if (i, k) in scaled and (j, k) in lower]
-            value = _reduced(a.get((i, j)), products)
+            value = a.get((i, j))
+            for left, right in products:
+                value = -(left * right) if value is None else p.fnma(left, right, value)
             if value is not None:
                 scaled[i, j] = value
         good = _trusted(p, plan, j, a, [(scaled[j, k], lower[j, k]) for k in row if (j, k) in scaled], scaled)
@@ -64,13 +66,6 @@ def _trusted(
         term = abs(left * right)
         size = term if size is None else size + term
     return Flag.of(-pivot > (p.real(0.0) if size is None else size) * least_pivot(plan.negative))
-
-
-def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real | None:
-    """Return value minus the sum of products; None means zero."""
-    for left, right in products:
-        value = -(left * right) if value is None else value.builder.fnma(left, right, value)
-    return value
 
 
 def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:

@@ -6,7 +6,7 @@ memory. The values of the present order follow from the sums over lower orders b
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from lagrange.algorithm.blocks import whole_blocks
@@ -35,7 +35,10 @@ class Row:
                 self.places[chunk.whole] = begin
             begin += chunk.count
         self.size = watched_at + len(packing.program.watched)
-        for operand in _kept(packing):
+        # Later orders read the factors of sums, the operands of the next order and dq/dt. With several lanes operands
+        # that are read at order 0 are stored, too.
+        initial = packing.initial if packing.lanes > 1 else ()
+        for operand in (*packing.summed, *packing.delayed, *packing.rates, *initial):
             if operand not in self.places:
                 lanes = len(operand.values)
                 self.places[operand] = whole_blocks(self.size, lanes)
@@ -176,15 +179,3 @@ class ByOrderJet(LoopJet):
     def total(self, chunk: Chunk, which: int) -> Term:
         """Return sum number `which` of the rule of a chunk, a sum of x[j] y[k-j] over 0 < j < k."""
         return self.sums[chunk.sums[which]]
-
-
-def _kept(packing: Packing) -> Iterator[Operand]:
-    """Yield the operands whose coefficients are stored, since later orders read them.
-
-    These are the factors of sums, the operands that the next order reads, dq/dt, and with several lanes also operands
-    that are read at order 0.
-    """
-    yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
-    yield from (*packing.delayed, *packing.rates)
-    if packing.lanes > 1:
-        yield from packing.initial
