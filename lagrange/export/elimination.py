@@ -234,23 +234,23 @@ class _Printer:
         self.defined[name] = None
         return template.format(name=name, value=self.text(value), mut="mut " * self.changed[name])
 
-    def index(self, one: ast.expr) -> str:
+    def index(self, node: ast.expr) -> str:
         """Return the text of an index: a variable as it is, a number shifted by the language's first index."""
-        added, base = self.statements.first, one
-        if isinstance(one, ast.BinOp) and isinstance(one.right, ast.Constant) and isinstance(one.right.value, int):
-            added, base = added + one.right.value, one.left
+        added, base = self.statements.first, node
+        if isinstance(node, ast.BinOp) and isinstance(node.right, ast.Constant) and isinstance(node.right.value, int):
+            added, base = added + node.right.value, node.left
         assert isinstance(base, ast.Name)
         added -= self.statements.first * (base.id in self.indices)
         return f"{base.id} + {added}" if added else base.id
 
-    def text(self, one: ast.expr, least: int = 0) -> str:
+    def text(self, node: ast.expr, least: int = 0) -> str:
         """Return the text of an expression, in parentheses if it binds less tightly than `least`."""
-        binds, text = self._spelled(one)
+        binds, text = self._spelled(node)
         return text if binds >= least else f"({text})"
 
-    def _spelled(self, one: ast.expr) -> tuple[int, str]:
+    def _spelled(self, node: ast.expr) -> tuple[int, str]:
         style = self.statements
-        match one:
+        match node:
             case ast.Name(id="PIVOT" | "PREFERENCE" as name):
                 return ATOM, self.statements.literals.real(PIVOT if name == "PIVOT" else PREFERENCE)
             case ast.Name(id=name):
@@ -283,7 +283,7 @@ class _Printer:
                 return self._operation("abs", value)
             case ast.Call(args=[value]):
                 return self._operation("sqrt", value)
-        raise NotImplementedError(ast.dump(one))
+        raise NotImplementedError(ast.dump(node))
 
     def _operation(self, op: str, *args: ast.expr) -> tuple[int, str]:
         operator = self.statements.operations[op]

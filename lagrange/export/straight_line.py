@@ -149,43 +149,45 @@ class StraightLinePrinter:
         self.unused.pop(array, None)
         return self.language.element.format(array, place + self.language.first)
 
-    def _value(self, i: int, one: Instruction) -> None:
-        match one.op:
+    def _value(self, i: int, instruction: Instruction) -> None:
+        match instruction.op:
             case "state" | "parameter" if i not in self.names:
-                self.texts[i] = ATOM, f"{'y' if one.op == 'state' else 'p'}{one.place}"
+                self.texts[i] = ATOM, f"{'y' if instruction.op == 'state' else 'p'}{instruction.place}"
             case "state" | "parameter":
-                array = "y" if one.op == "state" else self.parameters
-                self._define(i, self.names[i], self.element(array, one.place))
+                array = "y" if instruction.op == "state" else self.parameters
+                self._define(i, self.names[i], self.element(array, instruction.place))
             case "time":
                 self.unused.pop("t", None)
                 self.texts[i] = ATOM, "t"
             case "constant":
-                self.constants[i] = one.value
-                self.texts[i] = self.language.literals.spelled(REAL, one.value)
+                self.constants[i] = instruction.value
+                self.texts[i] = self.language.literals.spelled(REAL, instruction.value)
             case "component":
-                name = self.vectors[one.args[0]]
-                self.texts[i] = ATOM, self.language.element.format(name, one.place + self.language.first)
+                name = self.vectors[instruction.args[0]]
+                self.texts[i] = ATOM, self.language.element.format(name, instruction.place + self.language.first)
             case "factor":
-                self._factor(i, one)
+                self._factor(i, instruction)
             case "solve":
                 self.vectors[i] = f"s{i}"
-                self.declared.append(("real", f"s{i}", (one.order or len(one.args) - 1,)))
-                right = ", ".join(self.text(ref) for ref in one.args[1:])
-                self._system(self.language.solve, f"s{i}", len(one.args) - 1, self.vectors[one.args[0]], right)
+                self.declared.append(("real", f"s{i}", (instruction.order or len(instruction.args) - 1,)))
+                right = ", ".join(self.text(ref) for ref in instruction.args[1:])
+                self._system(
+                    self.language.solve, f"s{i}", len(instruction.args) - 1, self.vectors[instruction.args[0]], right
+                )
             case _:
-                self._operation(i, one)
+                self._operation(i, instruction)
 
-    def _factor(self, i: int, one: Instruction) -> None:
-        """Print the factorization of a symmetric matrix, instruction number `i`, `one`."""
-        name, n, language = f"f{i}", one.order, self.language
+    def _factor(self, i: int, instruction: Instruction) -> None:
+        """Print the factorization of a symmetric matrix, instruction number `i`."""
+        name, n, language = f"f{i}", instruction.order, self.language
         self.needed["factor"] = None
         self.vectors[i] = name
         self.singular.append(f"singular{i}")
         self.declared += [("real", name, (n + ROWS, n)), ("flag", f"singular{i}", ())]
-        entries = ", ".join(self.text(ref) for ref in one.args)
+        entries = ", ".join(self.text(ref) for ref in instruction.args)
         if language.entry:
             self._system(language.matrix, name, n)
-            for k, ref in enumerate(one.args):
+            for k, ref in enumerate(instruction.args):
                 row = int(((8 * k + 1) ** 0.5 - 1) / 2)
                 if self.constants.get(ref, 1.0) != 0.0:
                     column = k - row * (row + 1) // 2
@@ -197,21 +199,23 @@ class StraightLinePrinter:
         fields = {"name": name, "order": order, "rows": order + ROWS}
         self.lines += template.format(**fields, other=other, entries=entries).splitlines()
 
-    def _operation(self, i: int, one: Instruction) -> None:
-        """Print instruction number `i`, `one`, or store its text if only one other operation reads the value."""
-        kind = FLAG if one.op in FLAGS else REAL
-        if all(arg in self.constants for arg in one.args):
+    def _operation(self, i: int, instruction: Instruction) -> None:
+        """Print instruction number `i`, or store its text if only one other operation reads the value."""
+        kind = FLAG if instruction.op in FLAGS else REAL
+        if all(arg in self.constants for arg in instruction.args):
             # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
             with np.errstate(all="ignore"):
-                self.constants[i] = OPERATIONS[one.op](*(self.constants[arg] for arg in one.args))
+                self.constants[i] = OPERATIONS[instruction.op](*(self.constants[arg] for arg in instruction.args))
             self.texts[i] = self.language.literals.spelled(kind, self.constants[i])
             return
-        operator = self.language.operations[one.op]
-        self.needed[one.op] = None
-        conditions = CONDITIONS.get(one.op, ())
+        operator = self.language.operations[instruction.op]
+        self.needed[instruction.op] = None
+        conditions = CONDITIONS.get(instruction.op, ())
         texts = [
             self.condition(arg, least) if k in conditions else self.number(arg, least)
-            for k, (arg, least) in enumerate(zip(one.args, operator.operands or (0,) * len(one.args), strict=True))
+            for k, (arg, least) in enumerate(
+                zip(instruction.args, operator.operands or (0,) * len(instruction.args), strict=True)
+            )
         ]
         self.texts[i] = operator.binds, operator.text.format(*texts)
         if i in self.names or self.uses[i] > 1 or len(self.texts[i][1]) >= LONGEST_VALUE:
@@ -336,8 +340,8 @@ def checked(program: Program, divisors: Program) -> Program:
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])
 
-    def put(one: Instruction) -> int:
-        return code.setdefault(one, len(code))
+    def put(instruction: Instruction) -> int:
+        return code.setdefault(instruction, len(code))
 
     def add(*parts: Sequence[Instruction]) -> None:
         for table, part in zip(tables, parts, strict=True):
@@ -399,14 +403,16 @@ class PrintedFunctions:
         last = first + len(module.parameters)
         self.names = replace(module.names, state=names[:first], parameters=names[first:last], entries=names[last:])
 
-    def _checked(self, one: ExportedQuantity) -> Program:
-        return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
+    def _checked(self, quantity: ExportedQuantity) -> Program:
+        return (
+            checked(quantity.program, self.divisors) if self.divisors and quantity.name in SOLVED else quantity.program
+        )
 
-    def quantity(self, one: ExportedQuantity) -> PrintedFunction:
-        """Return the printed function that computes the exported quantity `one`, and writes its values into `out`."""
-        program = self.programs[one.name]
+    def quantity(self, quantity: ExportedQuantity) -> PrintedFunction:
+        """Return the printed function that computes an exported quantity, and writes its values into `out`."""
+        program = self.programs[quantity.name]
         printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
-        return self._function(printer, "out", range(len(one.results)))
+        return self._function(printer, "out", range(len(quantity.results)))
 
     def prepare(self) -> PrintedFunction:
         """Return the printed function that writes the parameters, and all values that depend on them alone, into p."""

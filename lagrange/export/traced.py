@@ -267,7 +267,7 @@ def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
     if len(line) <= TEXT_WIDTH:
         return [line]
     inside = textwrap.wrap(", ".join(items), TEXT_WIDTH - 4, break_long_words=False, break_on_hyphens=False)
-    return [before, *(f"    {one}" for one in inside), after]
+    return [before, *(f"    {line}" for line in inside), after]
 
 
 def described(program: Program) -> str:

@@ -198,8 +198,8 @@ _WORDS = """
 """
 
 RESERVED = (
-    *(f"M_{one}{kind}" for one in _CONSTANTS.split() for kind in _KINDS),
-    *(f"{one}_{what}" for one in _INTEGERS for what in ("MAX", "MIN", "WIDTH")),
+    *(f"M_{stem}{kind}" for stem in _CONSTANTS.split() for kind in _KINDS),
+    *(f"{stem}_{what}" for stem in _INTEGERS for what in ("MAX", "MIN", "WIDTH")),
     *_MACROS.split(),
     *_WORDS.split(),
 )

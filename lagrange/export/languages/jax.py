@@ -26,7 +26,7 @@ compile."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{one.name: call(f"jnp.{one.array_name}({{0}})") for one in ELEMENTARY.values()},
+    **{function.name: call(f"jnp.{function.array_name}({{0}})") for function in ELEMENTARY.values()},
     **{op: call(f"_{op}({{0}})") for op in ("log", "sinh", "cosh", "tanh", "atanh")},
     **{op: call(f"jnp.{op}({{0}})") for op in ("sqrt", "abs", "sign")},
     "power": call("jnp.power({0}, {1})"),

@@ -220,8 +220,8 @@ def _function(name: str, given: Mapping[str, int], made: str, function: PrintedF
 
 def motion(module: SourceModule, prepared: int) -> Iterator[str]:
     """Yield the lines of the model that simulates the motion from the initial state; `prepared` is the length of p."""
-    shown = [one for one in module.quantities if one.name not in ("rhs", "jacobian")]
-    every = (*module.state, *module.parameters, *(one.name for one in shown))
+    shown = [quantity for quantity in module.quantities if quantity.name not in ("rhs", "jacobian")]
+    every = (*module.state, *module.parameters, *(quantity.name for quantity in shown))
     names = distinct(every, RESERVED)
     state, parameters = names[: len(module.state)], names[len(module.state) :][: len(module.parameters)]
     results = names[len(module.state) + len(module.parameters) :]
@@ -236,8 +236,8 @@ def motion(module: SourceModule, prepared: int) -> Iterator[str]:
             yield f"  parameter Real {name}{_unit(module, stated)} = {LITERALS.real(value)};"
     for name, stated, value in zip(state, module.state, run.initial, strict=True):
         yield f"  Real {name}(start = {LITERALS.real(value)}, fixed = true{_unit(module, stated, ', ')});"
-    for name, one in zip(results, shown, strict=True):
-        yield f"  Real {name}[{len(one.results)}];"
+    for name, quantity in zip(results, shown, strict=True):
+        yield f"  Real {name}[{len(quantity.results)}];"
     yield "protected"
     kind = "Real" if module.inputs else "parameter Real"
     yield from broken(f"  {kind} p[{prepared}] = Functions.prepare({_array(parameters)});")
@@ -245,8 +245,8 @@ def motion(module: SourceModule, prepared: int) -> Iterator[str]:
     yield "equation"
     yield from broken(f"  rates = Functions.rhs(time, {_array(state)}, p);")
     yield from (f"  der({name}) = rates[{k}];" for k, name in enumerate(state, 1))
-    for name, one in zip(results, shown, strict=True):
-        yield from broken(f"  {name} = Functions.{one.name}(time, {_array(state)}, p);")
+    for name, quantity in zip(results, shown, strict=True):
+        yield from broken(f"  {name} = Functions.{quantity.name}(time, {_array(state)}, p);")
     yield f"  annotation(experiment(StopTime = {LITERALS.real(run.t_end)}, Tolerance = {LITERALS.real(run.rtol)}));"
     yield "end Motion;"
 
