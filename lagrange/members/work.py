@@ -205,7 +205,9 @@ def _working() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise RunError(f"a worker of the executor cannot run members: {error}. Install there what is here.") from error
+        raise RunError(
+            f"a worker of the executor cannot run members: {error}. Install on the workers what this process has."
+        ) from error
     except Exception as error:
         if isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__module__.startswith("distributed."):
             raise RunError(

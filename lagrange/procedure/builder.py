@@ -197,7 +197,7 @@ class Builder:
         if not isinstance(value, (Value, Entries)) and isinstance(kind, Kind):
             value = self.constant(value, kind)
         if _kind_of(value) != kind:
-            raise LagrangeError(f"procedure {self.name}: a {_kind_of(value)} stands where a {kind} belongs.")
+            raise LagrangeError(f"procedure {self.name}: an operand is a {_kind_of(value)}: give a {kind}.")
         ref: int = value.ref
         return ref
 

@@ -288,7 +288,10 @@ class _Rewriter(Visitor, MemberStatements):
             self.out.append(form.Scatter(held.ref, self.indices(held, place), value, self.mask))
             return
         if not held.own:
-            raise LagrangeError(f"procedure {self.procedure.name}: all members write at one place.")
+            raise LagrangeError(
+                f"procedure {self.procedure.name}: all members would write the same element of a shared array: "
+                "give each member its own element."
+            )
         mask = None if held.level == self.level else self.mask
         self.out.append(form.VectorStore(held.ref, self.index(held, place), value, mask, all_there=mask is not None))
 

@@ -459,7 +459,7 @@ class Recorder:
         wanted = self.law.arguments
         if len(arguments) != wanted:
             raise StatementError(
-                f"step function {self.name} calls f with t and {len(arguments)} vectors: it takes {wanted}."
+                f"step function {self.name} calls f with t and {len(arguments)} vectors, and f takes {wanted}."
             )
         for argument in arguments:
             if not isinstance(argument, TracedVector):
@@ -489,11 +489,12 @@ class Recorder:
         from. `predict(ratio, *unknowns)` extrapolates the unknowns of the previous step over a step `ratio` times as
         long. Without it the unknowns of steps of equal size are extrapolated.
         """
-        if not self.law.derivative or self.inside is not None:
+        if not self.law.derivative:
             raise StatementError(
-                f"step function {self.name} cannot solve here: solve is for the laws 'rhs', 'momentum' and "
-                "'constrained', and is not used inside a residual."
+                f"step function {self.name} calls solve, which is for the laws 'rhs', 'momentum' and 'constrained'."
             )
+        if self.inside is not None:
+            raise StatementError(f"step function {self.name} calls solve inside a residual: call it outside.")
         preparation, guesses, several = self._within(guess if callable(guess) else lambda: guess)
         # The guess has its own scope: a call in it is not one of the residual.
         for call in preparation:

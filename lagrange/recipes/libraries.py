@@ -134,7 +134,7 @@ def numba_function(model: Model, quantity: str) -> NumbaFunction:
 
     def prepare(p: Any) -> Any:
         if p.size != k:
-            raise ValueError("the parameters have another number of entries than the model")
+            raise ValueError("give as many parameters as the model has: their number is wrong")
         prepared = np.zeros(size + 1)
         prepared[:k] = p
         prepared[size] = prepare_code(prepared.ctypes)
@@ -142,7 +142,7 @@ def numba_function(model: Model, quantity: str) -> NumbaFunction:
 
     def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
         if y.size != states or prepared.size != size + 1 or out.size != count:
-            raise ValueError("the state, the prepared parameters or the result have another size than the model")
+            raise ValueError("give a state, prepared parameters and a result of the sizes of the model: one is wrong")
         singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
         return singular or prepared[size] != 0.0
 

@@ -270,7 +270,7 @@ def _on_rates(
         row = values.setdefault(rates, [None] * 3)
         parts = [value] if len(axes) == 1 else entries(value, f"{what}{vector}")
         if parts is None or len(parts) != len(axes):
-            raise StatementError(f"{what}{vector} is {shown(value)}: give three values, about the axes x, y and z.")
+            raise StatementError(f"{what}{vector} is {shown(value)}: give its components about the axes x, y and z.")
         for k, part in zip(axes, parts, strict=True):
             if row[k] is not None:
                 raise StatementError(f"{label} names {name_of(rates[k])} twice: give one value.")

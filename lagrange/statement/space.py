@@ -49,7 +49,7 @@ def in_space(value: Any) -> Any:
         return value
     parts = entries(value, "a vector in space")
     if parts is None or len(parts) != 3:
-        raise StatementError(f"a vector in space is {shown(value)}: give three entries.")
+        raise StatementError(f"a vector in space is {shown(value)}: give three entries, (x, y, z).")
     return SpaceMatrix([as_typed(part, "an entry of the vector") for part in parts])
 
 

@@ -36,8 +36,8 @@ class ParameterHistory:
         )
         if begins.ndim != 1 or not len(begins) or added.shape != begins.shape or values.shape[:-1] != begins.shape:
             raise StatementError(
-                f"a history has begins {begins.shape}, values {values.shape} and added {added.shape}: give the shapes "
-                "(s,), (s, k) and (s,)."
+                f"the arrays of a history have the shapes {begins.shape} (begins), {values.shape} (values) and "
+                f"{added.shape} (added): give (s,), (s, k) and (s,) for s segments with k values each."
             )
 
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:

@@ -224,7 +224,7 @@ def loop_without_end(p: Builder) -> None:
     ("build", "said"),
     [
         (python_if, "use `with p.when(...)` and not `if`"),
-        (wrong_kind, "a whole stands where a real belongs"),
+        (wrong_kind, "an operand is a whole: give a real"),
         (mixed_kinds, "add takes no real, whole"),
         (written_where_read, "is only read"),
         (from_another_way, "is read where it is not known"),

@@ -219,9 +219,9 @@ def test_what_cannot_be_solved_is_refused() -> None:
         implicit(early, control=Control(2))
     with pytest.raises(StatementError, match="damp is for steps of the law 'rhs'"):
         trace("mine", momenta, law="momentum", implicit=True)
-    with pytest.raises(StatementError, match="solve is for the laws 'rhs', 'momentum' and 'constrained'"):
+    with pytest.raises(StatementError, match="calls solve, which is for the laws 'rhs', 'momentum' and 'constrained'"):
         trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), law="accelerations", implicit=True)
-    with pytest.raises(StatementError, match="calls f with t and 1 vectors: it takes 2"):
+    with pytest.raises(StatementError, match="calls f with t and 1 vectors, and f takes 2"):
         trace("mine", lambda g, t, q, v, h: g(t, q), law="momentum")
 
 

@@ -202,11 +202,11 @@ def test_a_singular_constant_matrix_is_nan() -> None:
 def test_wrong_sizes_and_types_are_refused() -> None:
     of, made = model("double pendulum"), double_pendulum()
     prepared = made.prepare(of.parameter_array())
-    with pytest.raises(ValueError, match="another number of entries than the model"):
+    with pytest.raises(ValueError, match="give as many parameters as the model has"):
         made.prepare(np.ones(1))
-    with pytest.raises(ValueError, match="another size than the model"):
+    with pytest.raises(ValueError, match="of the sizes of the model: one is wrong"):
         made.function(0.0, np.ones(3), prepared)
-    with pytest.raises(ValueError, match="another size than the model"):
+    with pytest.raises(ValueError, match="of the sizes of the model: one is wrong"):
         made.function(0.0, np.ones(4), of.parameter_array())
     with pytest.raises(TypeError):
         made.function(0.0, np.ones(4, dtype=int), prepared)

@@ -230,7 +230,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "its modes are not those of a body at rest"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
-    "two rates": (lambda: top(initial={R.body: (1, 2)}), "give three values, about the axes x, y and z"),
+    "two rates": (lambda: top(initial={R.body: (1, 2)}), "give its components about the axes x, y and z"),
     "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),
     "rates and an entry": (lambda: top(initial={R.body: (1, 0, 0), "R_x_dot": 1}), "both rates of R and R_x_dot"),
     "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),

@@ -139,7 +139,7 @@ FIELDS: list[Bad] = [
     ({"parameters": [1]}, 6, 14, "parameters is a list: write a table [parameters] of names and values."),
     ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
     ({"parameters": {"m": "2*g"}}, 6, 24, "parameters.m: 'g' cannot stand in a constant: write numbers, pi and"),
-    ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: this divides by zero."),
+    ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: a denominator is zero."),
     ({"parameters": {"2m": 1}}, 6, 15, "'2m' cannot name a parameter: a name starts with a letter"),
     ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, it is a coordinate already"),
     ({"parameters": {"theta_dot": 1}}, 6, 15, "'theta_dot' cannot name a parameter, it is taken: x_dot"),

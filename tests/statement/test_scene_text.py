@@ -342,7 +342,7 @@ BOMBS = {
     "none": ("None", "", "a value is missing before 'None'"),
     "a call": ("open(x)", "", "'open' is not a function here"),
     "an infinity": ("1e999", "", "this has no finite value"),
-    "a division": ("1/0", "", "this divides by zero"),
+    "a division": ("1/0", "", "a denominator is zero"),
     "a product of two kinds": ("x*True", "", "a comparison has no value of its own"),
     "an empty sum": ("sum()", "", "a value is missing"),
     "no arguments of float": ("float(x)", "", "float takes three whole numbers"),

@@ -97,8 +97,8 @@ REFUSALS = {
     "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
     "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row lead to the same value."),
     # what has no value
-    "1 + x/0": (5, "this divides by zero."),
-    "y/(x - x)": (1, "this divides by zero."),
+    "1 + x/0": (5, "a denominator is zero."),
+    "y/(x - x)": (1, "a denominator is zero."),
     "sqrt(-1)": (1, "sqrt(-1) has no finite real value."),
     "2*log(0)": (3, "log(0) has no finite real value."),
     "(-8)**(1/3)": (1, "-8**0.333333 has no finite real value."),

@@ -93,11 +93,11 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
         if len(lost):
             raise StatementError(
                 f"{name} has no finite position at t = {t[lost[0]]:.6g}, so that it cannot be drawn: end the run "
-                "before, or state another position."
+                "before that time, or state another position."
             )
     if not points and not np.isfinite(states).all():
         raise StatementError(
-            "the run has a state that is not a finite number, which cannot be drawn: end the run before."
+            "the run has a state that is not a finite number, which cannot be drawn: run again to an earlier end."
         )
     energies = _energies(solution, t, states)
     size = solution.drift.scale if energies else 0.0

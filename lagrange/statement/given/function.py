@@ -48,7 +48,7 @@ def _values(what: str, values: Any) -> Any:
     if leaves:
         raise StatementError(
             f"{what} is {formula(stated, 60)}, which contains {leaves[0]}: give an expression in lg.t and parameters. "
-            "What depends on the motion is a force, a constraint or a part of an energy."
+            "A given function cannot depend on the motion: state such a term in a force, a constraint or an energy."
         )
     return stated
 

@@ -375,7 +375,7 @@ class Reader:
     def _multiplied(self, negative: bool, straight: Sequence[bool], parts: Sequence[ParsedValue]) -> ParsedValue:
         first, *others = map(term_of, parts)
         if any(part.double == 0.0 for part, times in zip(parts, straight, strict=True) if not times):
-            raise RefusalError("this divides by zero")
+            raise RefusalError("a denominator is zero")
         factors = [-first if negative else first]
         factors += [x if times else 1 / x for x, times in zip(others, straight[1:], strict=True)]
         whole = None

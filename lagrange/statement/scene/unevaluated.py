@@ -226,7 +226,7 @@ def _negated(term: Any) -> Any:
 def _power(base: Any, exponent: Any) -> Any:
     check_power(base, exponent)
     if base == 0 and exponent.is_negative:
-        raise RefusalError("this divides by zero")
+        raise RefusalError("a denominator is zero")
     return sympy.Pow(base, exponent, evaluate=False)
 
 
