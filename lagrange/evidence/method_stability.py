@@ -110,7 +110,11 @@ class _Map:
                 self.vectors[call.first + i] = vector
 
     def solve(self, solve: Solve) -> None:
-        """Solve the implicit equations: unknowns become additional columns, in which the residuals are linear."""
+        """Compute the unknowns of `solve`, the implicit equations of the step, as vectors for every z.
+
+        For the linear test equation the residuals are linear in the unknowns. All vectors get a column for each entry
+        of the unknowns, and these columns of the residuals are the matrix of the linear system.
+        """
         width, fresh = self.vectors[0].shape[2], solve.count * self.length
         before = dict(self.vectors)
         for i, vector in before.items():

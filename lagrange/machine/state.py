@@ -171,5 +171,5 @@ class DriverState:
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:
-        """Return the count with the index `which`."""
+        """Return a count of the run, such as that of accepted steps for `which` = `DriverState.STEPS`."""
         return int(self.integers[which])

@@ -232,7 +232,10 @@ def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | No
 
 
 def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of one factor, highest coefficient first; None if its degree is above two. See `_roots`."""
+    """Return the roots of a polynomial with `coefficients`, the highest power first; None for a degree above two.
+
+    The variable is w^2 if `plain`, s^2 if `even`, else s = i w.
+    """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])

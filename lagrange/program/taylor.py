@@ -253,9 +253,9 @@ class _Assembly:
         return scale, b.add(SeriesRule("along", (multiplier, value), (b.constant(1),)), None)
 
     def momentum(self, node: Node) -> int | None:
-        """Return the number of the value of a momentum, up to a constant, or None for zero.
+        """Return the index, in the program, of the value of a momentum without its constant terms; None for zero.
 
-        Other momenta that it contains are added first.
+        If the momentum contains other momenta, the program first gets the values of these.
         """
         todo = [node]
         while todo:

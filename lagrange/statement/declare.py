@@ -232,7 +232,10 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
 
 
 def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
-    """Return (T, V, L) with shorthands replaced, and survey them. A system given by L alone has T = L and V = 0."""
+    """Return (T, V, L) with shorthands such as `x.dot` replaced by derivatives. Their symbols are added to `survey`.
+
+    A system stated by L alone has T = L and V = 0.
+    """
     full = {name: in_full(energy) for name, energy in typed.items()}
     if "lagrangian" in full:
         survey.add(full["lagrangian"], "the Lagrangian")

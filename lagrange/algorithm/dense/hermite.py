@@ -182,7 +182,11 @@ def judge(block: PolynomialBlock) -> None:
 
 @inline
 def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
-    """Write the coefficients: those of the cubic, plus the contributions of the changes of its slopes."""
+    """Write the coefficients of a step's polynomial to `block.out`, one power of time after the other.
+
+    They are those of the cubic through both ends, plus a weighted sum of `changes`. These are the differences
+    between the right-hand side and the slope of the cubic at the stages of the polynomial.
+    """
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):
         higher = out[power * total :]

@@ -388,7 +388,10 @@ class ZeroSearch:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Write the zeros, of the first `count`, whose direction counts and that are before a fraction of the step."""
+        """Append zeros of the step in column `b` to the events of the run.
+
+        Of the first `count` zeros these are the ones before a fraction of the step, in a direction that makes an event.
+        """
         for j in range(count):
             time = self.times[j]
             if time < before and self.counts(j):

@@ -149,7 +149,11 @@ class TaylorProcedures:
 
 @procedure(parameters=lambda first: first.parameters[0].type, p=lambda second: second.parameters[0].type)
 def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
-    """Run two procedures that prepare numbers, `first` and `second`; return whether a matrix is singular."""
+    """Compute all numbers that depend on the parameters alone, once for a run, and write them to `p`.
+
+    `first` computes those of the right-hand side from the parameters, and `second` those of the series, from
+    `p`. Return True if one of them meets a singular matrix.
+    """
     is_first_singular: bool = generated(first, parameters, p)
     is_second_singular: bool = generated(second, p)
     return is_first_singular or is_second_singular

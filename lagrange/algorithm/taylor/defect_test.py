@@ -190,8 +190,11 @@ def verified_step(
 ) -> tuple[float, int]:
     """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
-    Returns the new length, and the index of the first function that disagreed on the last step that was halved, or -1.
-    Example: at x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
+    The two agree if they differ by at most the tolerance `rtol` or the rounding errors of the functions,
+    `noise` at the start and `blur` at the end. `tilts` perturb a state by rounding; `there`, `blur`, `state`
+    and `moved` are work memory. Returns the new length, and the index of the first function that disagreed on
+    the last step that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to order 39, and does
+    not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1

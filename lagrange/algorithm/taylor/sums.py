@@ -120,7 +120,10 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
 
 @procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
-    """Write the state at time s on a step to `to`. `sizes` describes the layout, which may be any."""
+    """Write the state to `to`, at the time s after the start of a step.
+
+    The Taylor coefficients of the step are in `work`; `sizes` says where. `order` is the order of the series.
+    """
     layout = layout_of(sizes)
     lost = work[layout.lost :]
     if likely(layout.chains != 0):

@@ -198,7 +198,10 @@ def _attributes(variable: ScalarVariable) -> dict[str, object]:
 
 
 def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
-    """Return the attributes of a real number: its unit, its initial value, and `of`, the state that it derives."""
+    """Return the attributes of a real number: its unit, its initial value, and `of`, the number of the state.
+
+    `of` is used only if the variable is the time derivative of that state.
+    """
     start = None if variable.start is None else number(variable.start)
     return {"unit": variable.unit, "start": start, "derivative": of if variable.kind == DERIVATIVE else None}
 

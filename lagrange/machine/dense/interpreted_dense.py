@@ -130,8 +130,8 @@ def write_series(
 ) -> None:
     """Write the polynomials of a block of Taylor steps. `jet` computes the series from `numbers`, its parameters.
 
-    `width` is the length of a row of the series. `arrays` are the arrays of `NumpyDense.write`: `own`, `beside`, `work`
-    and `out`.
+    `width` is the length of a row of the series. `arrays` are the times and states of the steps and of their
+    neighbours, work memory, and the memory for the coefficients of the polynomials.
     """
     write = _loaded(series_polynomial.form(), by_arrays=True)
     write(jet, numbers, None, order, width, dimension, dimension, *arrays)

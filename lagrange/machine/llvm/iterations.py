@@ -61,7 +61,10 @@ class Lanes:
         """
 
     def run(self) -> None:
-        """Print all iterations, and define the results of their reductions."""
+        """Print the LLVM code of the `Each` statement: its iterations, then the results of its reductions.
+
+        Few iterations are printed one after the other, many as a loop.
+        """
         printer, each = self.printer, self.each
         count = printer.values[each.iterations]
         for ref in self.outside():

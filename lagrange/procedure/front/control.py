@@ -223,9 +223,11 @@ class EachBlock(Block):
         self.visits.append((self.tracer.root(array), array.ref, own, stored))
 
     def check(self) -> None:
-        """Raise Error if one part of an array is written and another part, or another index, is used.
+        """Raise Error if iterations of this `each` depend on their order.
 
-        Arrays that are declared disjoint are not checked.
+        They do if one iteration writes an element of an array that another iteration may read or write. Each iteration
+        may use the element at its own index, in one part of the array. An `each` that is declared disjoint is not
+        checked.
         """
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, own, _ in self.visits:

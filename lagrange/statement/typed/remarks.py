@@ -124,7 +124,7 @@ class Clause:
         return Word(token.begin, token.end, kind)
 
     def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
-        """Return text[begin:end] of this clause as a clause."""
+        """Return text[begin:end] of this clause as a clause; `aside` is true for a remark beside an equation."""
         tokens = tuple(token for token in self.tokens if begin <= token.begin < end)
         return Clause(self.text, begin, end, tokens, self.names, aside)
 

@@ -60,7 +60,11 @@ class Discontinuity:
 
 
 class Discontinuities:
-    """Search for discontinuities in runs of one model with given parameters (k,)."""
+    """Finds the corners and jumps of constraints in runs of one model with parameters (k,): on steps, or ahead.
+
+    At a corner or a jump the derivatives of a constraint, which give its force, have no value. `span` is the duration
+    of the run.
+    """
 
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
         self.model, self.parameters, self.span = model, parameters, span

@@ -162,7 +162,7 @@ class ChangeCounter:
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Record a change by the event with index `which` at a time that is not close to other changes."""
+        """Start to count anew: event number `which` changed the motion at time t, far from all earlier changes."""
         self.counts = Counter([which])
         self.last = t
 

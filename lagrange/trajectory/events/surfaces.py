@@ -84,10 +84,10 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the series of the surfaces with the sides `trial`, after correcting sides that contradict the values.
+    """Return the Taylor series of the surfaces with the sides `trial`, 1 or -1 each, which are corrected in place.
 
-    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides of
-    the surfaces in `chosen` are kept.
+    A side is corrected if the surface is clearly not zero and has the opposite sign. This happens because a surface may
+    depend on the sides of others. Sides of the surfaces in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -198,7 +198,7 @@ class Continuations:
         state.y[:] = y
 
     def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
-        """Return the dense output of a leap to y (2n,) at the time `there`."""
+        """Return the dense output of a leap: the path from the driver's state to y (2n,) at the time `there`."""
         return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:

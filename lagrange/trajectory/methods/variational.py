@@ -37,7 +37,11 @@ def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Call
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) at t + h. The discrete action of the step is the mean of h L at both ends, at the mean velocity."""
+    """Return (q, v) at t + h. The discrete action of the step is the mean of h L at both ends, at the mean velocity.
+
+    `g(t, q, v)` returns the momenta dL/dv and the forces that change them. `solve(residuals, guess)` returns the
+    unknowns at which the residuals are zero: here the mean velocity and the velocity at the end.
+    """
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
