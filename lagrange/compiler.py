@@ -123,7 +123,7 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
     Other kernels of the model (energy, Jacobian, a batch of states) are compiled when they are first used.
     Raises StatementError for an unknown target, RunError if the check fails.
     """
-    with compiling(statement.name, wanted=True):
+    with compiling(statement.name, enabled=True):
         model = model_of(statement, machine(target), equations)
         try:
             model.kernel("rhs")

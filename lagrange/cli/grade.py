@@ -85,7 +85,7 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
     stems = Counter(path.stem for path in files)
     rows = []
-    with counter(len(files), "answer", wanted=progress) as report:
+    with counter(len(files), "answer", enabled=progress) as report:
         for count, path in enumerate(files, 1):
             rows.append(_graded(system, path) | {"student": path.stem if stems[path.stem] == 1 else path.name})
             if report is not None:

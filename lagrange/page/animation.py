@@ -105,7 +105,7 @@ class Animation:
         flag(progress, "progress")
         target, notes = _writable(path)
         span = float(self.t[0]), float(self.t[-1])
-        with progress_bar(span, wanted=progress) as update:
+        with progress_bar(span, enabled=progress) as update:
 
             def tell(number: int) -> None:
                 if update is not None:

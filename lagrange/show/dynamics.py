@@ -261,7 +261,7 @@ def phase_portrait(
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, limit)
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
-    with counter(total, noun, wanted=progress) as report:
+    with counter(total, noun, enabled=progress) as report:
         data = portrait(runs, window, at, starts, time=real_number(t, "t"), reach=reach, progress=report)
     return shown_as(PhasePortrait, data)
 
@@ -295,7 +295,7 @@ def poincare(
     keeps the finished orbits. Raises StatementError for an invalid section, and for starts whose energy is too high.
     """
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress)
-    with counter(_length(starts), "orbit", wanted=progress) as report:
+    with counter(_length(starts), "orbit", enabled=progress) as report:
         data = section_of(
             runs,
             event,
@@ -354,10 +354,10 @@ def bifurcation(
                 f"{model.statement.name} is not driven in time, so the diagram shows its equilibria, which need no "
                 "starts: leave starts out, or give section=..., an event at which its motion is sampled."
             )
-        with counter(3, "value", wanted=progress) as report:
+        with counter(3, "value", enabled=progress) as report:
             known = model.with_defaults(parameters or {})
             return shown_as(EquilibriumBranches, equilibrium_branches(known, name, chosen, report))
-    with counter(len(chosen), "value", wanted=progress) as report:
+    with counter(len(chosen), "value", enabled=progress) as report:
         data = sweep(
             runs, name, chosen, section, starts, count=count, dropped=dropped, followed=followed, progress=report
         )

@@ -454,12 +454,12 @@ def _run(
     storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
     try:
         if storage.left:
-            with compiling(problem.model.statement.name, wanted=bool(progress)):
+            with compiling(problem.model.statement.name, enabled=bool(progress)):
                 alone = executor is None
                 runner: Runner = ThreadRunner(job.engine(), threads) if alone else ExecutorRunner(executor, job)
             before = len(table) - storage.members_left
             # After Ctrl-C a member that was not run counts as INTERRUPTED.
-            with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
+            with counter(len(table), "member", enabled=progress, before=before) as report, suppress(KeyboardInterrupt):
                 run_members(table, storage.left, runner, storage.reporting(report, before))
     finally:
         storage.close()

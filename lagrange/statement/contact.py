@@ -145,13 +145,13 @@ def gap(name: str) -> Any:
     return sympy.Symbol(f"gap[{check_name(name, 'contact')}]", real=True)
 
 
-def declare_contacts(given: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
-    """Return the fields of `Statement` on contacts; `given` maps names to contacts, checked against the constraints.
+def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
+    """Return the fields of `Statement` on contacts; `table` maps names to contacts, checked against the constraints.
 
     The symbols and functions of the contacts are added to the survey. Raises StatementError for a gap without
     coordinates, a slip that is not linear in velocities, and a name that is taken.
     """
-    contacts = tuple(_named(given))
+    contacts = tuple(_named(table))
     taken = [constraint.name for constraint in constraints]
     for each in contacts:
         _check(each, survey)
@@ -165,8 +165,8 @@ def declare_contacts(given: Any, simultaneous: Any, survey: Survey, constraints:
     return {"contacts": contacts, "simultaneous": law}
 
 
-def _named(given: Any) -> Iterator[Contact]:
-    for name, stated in table_of(given, "contacts", "name to lg.contact(...)").items():
+def _named(table: Any) -> Iterator[Contact]:
+    for name, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
         check_name(name, "contact")
         if not isinstance(stated, Contact):
             raise StatementError(f"the contact {name!r} is {shown(stated)}: give lg.contact(gap, ...).")

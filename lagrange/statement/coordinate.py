@@ -249,9 +249,9 @@ def constraint_of(symbol: Any) -> str | None:
     return None
 
 
-def check_multipliers(found: Iterable[str], expression: str, constraints: Sequence[str], system: str) -> None:
+def check_multipliers(names: Iterable[str], expression: str, constraints: Sequence[str], system: str) -> None:
     """Raise StatementError if an expression has multipliers of constraints that the system does not have."""
-    for name in found:
+    for name in names:
         if name not in constraints:
             are = " is" if len(constraints) == 1 else "s are"
             have = f"the constraint{are} {listing(constraints)}" if constraints else f"{system} has no constraints"

@@ -181,20 +181,22 @@ def _parameters(
     return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
 
-def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the state (q, v), 2n floats: `base` with the values `given` by coordinate, velocity or name."""
-    if not isinstance(given, Mapping):
-        what = "an array" if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
+def initial_state(
+    initial: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return the state (q, v), 2n floats: `base` with the `initial` values by coordinate, velocity or name."""
+    if not isinstance(initial, Mapping):
+        what = "an array" if isinstance(initial, np.ndarray) else f"a {type(initial).__name__}"
         raise StatementError(
             f"initial is {what}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps its "
             "default."
         )
-    if not given:
+    if not initial:
         return base
     rows, values = state_rows(coordinates), list(base)
-    if any(key not in rows for key in given):
-        given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
-    for key, value in given.items():
+    if any(key not in rows for key in initial):
+        initial = in_coordinates(initial, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
+    for key, value in initial.items():
         if key not in rows:
             labels = (label for label in rows if isinstance(label, str))
             known = in_symbols(labels, dict.fromkeys(filter(None, map(rotation_name, coordinates))))
@@ -245,20 +247,22 @@ def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
     return full["kinetic"], full["potential"], full["kinetic"] - full["potential"]
 
 
-def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
+def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
     """Return the coordinates: those that the user listed, else those in the survey and in `first_order`."""
-    if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
-        raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
-    if given is None:
+    if coordinates is not None and (
+        not isinstance(coordinates, Iterable) or (isinstance(coordinates, np.ndarray) and not coordinates.ndim)
+    ):
+        raise StatementError(f"coordinates is {shown(coordinates)}: give a list, such as [{shown(coordinates)}].")
+    if coordinates is None:
         survey.coordinates.update(dict.fromkeys(first_order))
         # An undeclared function may be meant as a given motion, unless all are SymPy's, as from `dynamicsymbols`.
         unsaid = [q for q in survey.coordinates if not declared(q)]
         if unsaid and any(map(is_ours, survey.coordinates)):
             names = [name_of(q) for q in survey.coordinates if declared(q)]
             raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
-        given = COORDINATES.of((name_of(q), q) for q in survey.coordinates)
+        coordinates = COORDINATES.of((name_of(q), q) for q in survey.coordinates)
     by_name: dict[str, Any] = {}
-    for q in given:
+    for q in coordinates:
         if not isinstance(q, AppliedUndef) or q.args != (t,) or motion_of(q) is not None:
             raise StatementError(
                 f"coordinates contains {shown(q)}, which is not a coordinate: make one with lg.coordinate('x')."
@@ -325,9 +329,9 @@ def _check_velocities(
     )
 
 
-def check_redundant(given: Any) -> str:
-    """Return the word `given` for constraints that follow from others. Raises StatementError unless in `REDUNDANT`."""
-    return one_of(given, REDUNDANT, "redundant is {given}: give one of {known}.")
+def check_redundant(redundant: Any) -> str:
+    """Return the option `redundant`. Raises StatementError unless in `REDUNDANT`."""
+    return one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
 
 
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
@@ -351,11 +355,11 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
     check_given(survey, names)
 
 
-def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
+def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     table: dict[Any, Any] = {}
-    given = forces_on_coordinates(given, by_name.values())
+    forces = forces_on_coordinates(forces, by_name.values())
     known = in_symbols(by_name, dict.fromkeys(filter(None, map(rotation_name, by_name.values()))))
-    for key, value in table_of(given, "forces", "coordinate to generalized force").items():
+    for key, value in table_of(forces, "forces", "coordinate to generalized force").items():
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
@@ -369,9 +373,9 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
     return table
 
 
-def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
+def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
     """Return Rayleigh's dissipation function D. Raises StatementError for a D without velocities: its force is zero."""
-    dissipation, leaves = expression(given, "the dissipation"), Survey()
+    dissipation, leaves = expression(function, "the dissipation"), Survey()
     leaves.add(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
     if dissipation != 0 and not leaves.velocities:
@@ -391,11 +395,13 @@ def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey
     return {"links": (*edges, *_links(links, points)), **views}
 
 
-def _positions(given: Mapping[str, Any] | None, survey: Survey) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
+def _positions(
+    positions: Mapping[str, Any] | None, survey: Survey
+) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
     """Return points by name, and the edges of shapes as links. The corners of a shape `body` are body_1, body_2, ..."""
     points, table = dict[str, tuple[Any, ...]](), dict[str, Any]()
     edges: list[Link] = []
-    for label, point in table_of(given, "positions", "name to point").items():
+    for label, point in table_of(positions, "positions", "name to point").items():
         if isinstance(point, Shape):
             names = [f"{label}_{k}" for k in range(1, len(point.corners) + 1)]
             table |= dict(zip(names, point.corners, strict=True))
@@ -424,11 +430,11 @@ def check_point(name: Any) -> str:
     return check_name(name, "point")
 
 
-def _surfaces(given: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
+def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
     """Return the surfaces by name, each as the moving point (x, y) or (x, y, z) in `along`, parameters and t."""
     surfaces: dict[str, tuple[Any, ...]] = {}
     size = len(next(iter(points.values()), ()))
-    for name, point in table_of(given, "surfaces", "name to point").items():
+    for name, point in table_of(table, "surfaces", "name to point").items():
         what = f"the surface {check_name(name, 'surface')}"
         if not points:
             raise StatementError(f"{what} has no point beside it: state in positions what moves on it.")
@@ -464,15 +470,15 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
                 f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "
                 "('origin', 'bob', 'spring')."
             )
-        checked.append(Link(*(link_part(place, part, known) for place, part in enumerate(link))))
+        checked.append(Link(*(link_part(index, part, known) for index, part in enumerate(link))))
     return tuple(checked)
 
 
-def link_part(place: int, given: Any, points: Iterable[str]) -> str:
-    """Return entry `place` of a link: at 0 and 1 the name of one of the `points`, at 2 the kind, such as "spring"."""
-    if place < 2:
-        return one_of(given, points, "links names {given}, which is not a position; they are {known}.")
-    return one_of(given, KINDS, "links has the kind {given}; the kinds are {known}.")
+def link_part(index: int, part: Any, points: Iterable[str]) -> str:
+    """Return entry `index` of a link: at 0 and 1 the name of one of the `points`, at 2 the kind, such as "spring"."""
+    if index < 2:
+        return one_of(part, points, "links names {given}, which is not a position; they are {known}.")
+    return one_of(part, KINDS, "links has the kind {given}; the kinds are {known}.")
 
 
 def _has_length(value: Any, *lengths: int) -> bool:
@@ -495,15 +501,15 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
     return tuple(constraints)
 
 
-def _typed_zeros(given: Any) -> dict[str, Any]:
+def _typed_zeros(constraints: Any) -> dict[str, Any]:
     """Return {name: expression that is zero}; constraints in a list are named constraint_1, constraint_2, ..."""
-    if isinstance(given, Mapping):
-        named = {check_name(name, "constraint"): stated for name, stated in given.items()}
+    if isinstance(constraints, Mapping):
+        named = {check_name(name, "constraint"): stated for name, stated in constraints.items()}
     else:
-        listed = entries(given, "constraints")
+        listed = entries(constraints, "constraints")
         if listed is None:
             raise StatementError(
-                f"constraints is {shown(given)}: give a list such as [x**2 + y**2 - l**2], or a dict such as "
+                f"constraints is {shown(constraints)}: give a list such as [x**2 + y**2 - l**2], or a dict such as "
                 "{'rod': x**2 + y**2 - l**2}."
             )
         named = {f"constraint_{i}": stated for i, stated in enumerate(listed, 1)}

@@ -88,9 +88,9 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
 
 
-def _check_place(place: Any) -> None:
-    """Raise StatementError if a component of a position, `place`, contains a velocity."""
-    for rate in sorted(place.atoms(sympy.Derivative), key=str):
+def _check_place(component: Any) -> None:
+    """Raise StatementError if a component of a position contains a velocity."""
+    for rate in sorted(component.atoms(sympy.Derivative), key=str):
         if rate.expr.args == (t,) and motion_of(rate.expr) is None:
             name, order = name_of(rate.expr), rate.derivative_count
             raise StatementError(

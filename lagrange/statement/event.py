@@ -93,27 +93,27 @@ def _sign(direction: float) -> int:
     return (number > 0) - (number < 0)
 
 
-def _zero(given: Any) -> Any:
+def _zero(argument: Any) -> Any:
     """Return the expression whose zero is the event: the expression itself, or left minus right side of an equation."""
-    if isinstance(given, sympy.Eq):
-        return expression(given.lhs, "the left side of the event") - expression(
-            given.rhs, "the right side of the event"
+    if isinstance(argument, sympy.Eq):
+        return expression(argument.lhs, "the left side of the event") - expression(
+            argument.rhs, "the right side of the event"
         )
-    if not isinstance(given, sympy.Expr) or given.is_Matrix:
-        raise StatementError(f"the event is {_instead_of(given)}")
-    return expression(given, "the event")
+    if not isinstance(argument, sympy.Expr) or argument.is_Matrix:
+        raise StatementError(f"the event is {_instead_of(argument)}")
+    return expression(argument, "the event")
 
 
-def _instead_of(given: Any) -> str:
+def _instead_of(argument: Any) -> str:
     """Return the end of the message for an argument that is not an event: its text, its type, and the remedy."""
-    written = _written(given)
-    match given:
+    written = _written(argument)
+    match argument:
         case str() | bytes():
             return f"{written!r}, a text: give the symbol or the expression itself, such as theta or theta.dot - 1."
         case bool() | np.bool_() | sympy.logic.boolalg.BooleanAtom():
             return f"{written}, which Python makes of a comparison such as theta.dot == 0: give theta.dot alone."
         case sympy.core.relational.Relational():
-            zero = formula(sympy.Add(given.lhs, sympy.Mul(-1, given.rhs)), 80)
+            zero = formula(sympy.Add(argument.lhs, sympy.Mul(-1, argument.rhs)), 80)
             return (
                 f"{written!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
                 "direction=1 or -1 for the side to which it goes."
@@ -123,12 +123,12 @@ def _instead_of(given: Any) -> str:
                 f"{written}, a number, which stays as it is along a run: give an expression in coordinates or "
                 "velocities."
             )
-    hidden = " A Python function hides its formula, and its roots could be missed." if callable(given) else ""
+    hidden = " A Python function hides its formula, and its roots could be missed." if callable(argument) else ""
     return f"{written!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
 
 
-def _written(given: Any) -> str:
-    return formula(given, 80) if isinstance(given, (str, sympy.Basic)) else shown(given)
+def _written(argument: Any) -> str:
+    return formula(argument, 80) if isinstance(argument, (str, sympy.Basic)) else shown(argument)
 
 
 def _value(value: Any) -> Any:
@@ -156,7 +156,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
     listed = entries(events, "events")
     if listed is None:
         raise StatementError(f"events is {shown(events)}: give a list of expressions, or of lg.event(...).")
-    checked = tuple(_declared(given, statement) for given in listed)
+    checked = tuple(_declared(entry, statement) for entry in listed)
     for index, e in enumerate(checked):
         survey = _check(e.expression, f"event {index}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
@@ -174,33 +174,33 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
     return checked
 
 
-def _check_resets(place: int, one: Event, statement: Statement) -> None:
-    """Raise StatementError if the reset of event number `place` names an unknown quantity, or one quantity twice."""
+def _check_resets(index: int, e: Event, statement: Statement) -> None:
+    """Raise StatementError if the reset of event number `index` names an unknown quantity, or one quantity twice."""
     rows = state_rows(statement.coordinates)
-    if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
-        raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
-    for key in one.reset:
+    if len({rows[key] for key in e.reset if key in rows}) < sum(key in rows for key in e.reset):
+        raise StatementError(f"the reset of event {index} names the same coordinate or velocity twice.")
+    for key in e.reset:
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
             raise StatementError(
-                f"the reset of event {place} names {formula(key, 80)!r}, which is not a coordinate or velocity of "
+                f"the reset of event {index} names {formula(key, 80)!r}, which is not a coordinate or velocity of "
                 f"this system; they are {listing(known)}, and its parameters are "
                 f"{listing(p.name for p in statement.parameters) or 'none'}."
             )
     symbols = (*statement.coordinates, *statement.velocities)
-    resets = [*((symbols[rows[key]], value) for key, value in one.reset.items()), *one.settings.items()]
+    resets = [*((symbols[rows[key]], value) for key, value in e.reset.items()), *e.settings.items()]
     for _, value in resets:
-        _check(value, f"the reset of event {place}", statement)
-    check_event_dimensions(place, one.expression, resets, statement)
+        _check(value, f"the reset of event {index}", statement)
+    check_event_dimensions(index, e.expression, resets, statement)
 
 
-def _declared(given: Any, statement: Statement) -> Event:
+def _declared(entry: Any, statement: Statement) -> Event:
     """Return an event, or that of a bare expression, in gaps and parameters of the statement."""
-    if not isinstance(given, Event):
-        given = _kept(given) if isinstance(given, sympy.Expr) else event(given)
-    zero = given.expression.xreplace(statement.gaps) if statement.contacts else given.expression
+    if not isinstance(entry, Event):
+        entry = _kept(entry) if isinstance(entry, sympy.Expr) else event(entry)
+    zero = entry.expression.xreplace(statement.gaps) if statement.contacts else entry.expression
     return _in_own_parameters(
-        given if zero == given.expression else replace(given, expression=zero), statement.parameters
+        entry if zero == entry.expression else replace(entry, expression=zero), statement.parameters
     )
 
 
@@ -209,19 +209,19 @@ _kept = lru_cache(maxsize=256)(event)
 
 
 @lru_cache(maxsize=256)
-def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
+def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
     """Return an event in the system's parameters; cached, so that caches with the result as key work."""
     by_name = {p.name: p for p in parameters}
-    zero = in_own_parameters(one.expression, parameters)
-    values = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
+    zero = in_own_parameters(e.expression, parameters)
+    values = {key: in_own_parameters(value, parameters) for key, value in e.reset.items()}
     settings = {key: value for key, value in values.items() if label_of(key) in by_name}
     if len({label_of(key) for key in settings}) < len(settings):
         raise StatementError(f"a reset names the parameter {label_of(next(iter(settings)))} twice.")
     reset = {key: value for key, value in values.items() if key not in settings}
-    if zero == one.expression and reset == one.reset:
-        return one
+    if zero == e.expression and reset == e.reset:
+        return e
     own_settings = {by_name[label_of(key)]: value for key, value in settings.items()}
-    return Event(zero, one.direction, one.terminal, reset, {**one.settings, **own_settings})
+    return Event(zero, e.direction, e.terminal, reset, {**e.settings, **own_settings})
 
 
 @lru_cache(maxsize=256)

@@ -171,16 +171,16 @@ def _is_zero(base: Any) -> bool:
 
 
 def parameter_values(
-    given: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
+    overrides: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
 ) -> dict[Any, float]:
-    """Return a value for every parameter: the defaults, overlaid with `given`, whose keys are symbols or names.
+    """Return a value for every parameter: the defaults and `overrides`, whose keys are symbols or names.
 
     Raises StatementError for an unknown name, a value that is not a finite real number, and a parameter without a
     value.
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     values = dict(defaults)
-    for key, value in table_of(given, "parameters", "parameter to value").items():
+    for key, value in table_of(overrides, "parameters", "parameter to value").items():
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
@@ -225,35 +225,35 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
     return name
 
 
-def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
+def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
     """Return a mapping, empty for None. Raises StatementError, which describes its entries, for other types."""
-    if given is not None and not isinstance(given, Mapping):
-        raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
-    return given or {}
+    if table is not None and not isinstance(table, Mapping):
+        raise StatementError(f"{what} is a {type(table).__name__}: give a dict from {entries}.")
+    return table or {}
 
 
 def parameter_symbols(
-    survey: Survey, given: Mapping[Any, Any], functions: Mapping[str, Any]
+    survey: Survey, table: Mapping[Any, Any], functions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
     """Return the parameters by name, and {other symbol: parameter} for symbols of the same name.
 
-    Order: first the parameters with values, in the order of `given`, then the others in the order of declaration.
+    Order: first the parameters with values, in the order of `table`, then the others in the order of declaration.
     `functions` maps the names that are taken to coordinates and given functions.
     """
     symbols: dict[str, Any] = {}
-    for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
+    for symbol in [*survey.parameters, *(key for key in table if isinstance(key, sympy.Symbol))]:
         first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
         if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
             symbols[symbol.name] = symbol  # of two symbols keep the one without an assumed sign
     unify = {symbol: symbols[symbol.name] for symbol in survey.parameters if symbol != symbols[symbol.name]}
-    for key in given:
+    for key in table:
         if isinstance(key, str):
             symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
         elif not isinstance(key, sympy.Symbol):
             raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
     for name in symbols:
         _check_clash(name, functions)
-    valued = dict.fromkeys(label_of(key) for key in given)
+    valued = dict.fromkeys(label_of(key) for key in table)
     rest = PARAMETERS.of((name, name) for name in symbols if name not in valued)
     return {name: symbols[name] for name in (*valued, *rest)}, unify
 
@@ -298,10 +298,10 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
         )
 
 
-def default_values(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
-    """Return {parameter: value} for the values in the statement, `given`. `symbols` are the parameters by name."""
+def default_values(table: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
+    """Return {parameter: value} for a `table` of values in the statement. `symbols` are the parameters by name."""
     values: dict[Any, float] = {}
-    for key, value in given.items():
+    for key, value in table.items():
         symbol = symbols[label_of(key)]
         if symbol in values:
             raise StatementError(f"parameters gives {symbol.name} twice: give it once.")

@@ -23,20 +23,20 @@ Report = Callable[[float], None]
 """Progress callback: time reached, or number of finished items."""
 
 
-def compiling(name: str, *, wanted: bool) -> AbstractContextManager[None]:
+def compiling(name: str, *, enabled: bool) -> AbstractContextManager[None]:
     """Context that shows in a terminal or notebook that `name` is being compiled, after `SILENT_SECONDS` of work."""
-    return _announced(f"compiling {name}", f"compiled {name}", wanted=wanted)
+    return _announced(f"compiling {name}", f"compiled {name}", enabled=enabled)
 
 
 def deriving(name: str) -> AbstractContextManager[None]:
     """Context that shows in a terminal or notebook that formulas of `name` are being derived, as `compiling` does."""
-    return _announced(f"deriving {name}", f"derived {name}", wanted=True)
+    return _announced(f"deriving {name}", f"derived {name}", enabled=True)
 
 
 def stating(name: Any) -> AbstractContextManager[None]:
     """Context that shows in a terminal or notebook that a statement is being read, as `compiling` does."""
     said = name if isinstance(name, str) else "system"
-    return _announced(f"reading {said}", f"read {said}", wanted=True)
+    return _announced(f"reading {said}", f"read {said}", enabled=True)
 
 
 _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
@@ -44,9 +44,9 @@ _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
 
 
 @contextmanager
-def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
+def _announced(doing: str, done: str, *, enabled: bool) -> Iterator[None]:
     """Context that shows the text `doing` after `SILENT_SECONDS`. In a notebook `done` replaces it at the end."""
-    display = None if _announcing.get() else _display_of(wanted)
+    display = None if _announcing.get() else _display_of(enabled)
     outside = _announcing.set(True)
     try:
         with nullcontext() if display is None else _timed(display, doing, done):
@@ -153,28 +153,28 @@ class _Log:
         self.show(state)
 
 
-def _display_of(wanted: bool | str) -> _Terminal | _Notebook | _Log | None:
-    """Return the display for progress: notebook, terminal, or a log if `wanted` is `LINES`. None if there is none."""
-    if wanted and in_notebook():
+def _display_of(enabled: bool | str) -> _Terminal | _Notebook | _Log | None:
+    """Return the display for progress: notebook, terminal, or a log if `enabled` is `LINES`. None if there is none."""
+    if enabled and in_notebook():
         return _Notebook()
-    if wanted and sys.stderr is not None and sys.stderr.isatty():
+    if enabled and sys.stderr is not None and sys.stderr.isatty():
         return _Terminal()
-    return _Log() if wanted == LINES and sys.stderr is not None else None
+    return _Log() if enabled == LINES and sys.stderr is not None else None
 
 
 @contextmanager
-def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Report | None]:
-    """Yield a callback for the time reached by a run; None if not `wanted`, or without a terminal or a notebook."""
-    with _bar(span, "t = {:.6g}".format, wanted=wanted, stays=False) as report:
+def progress_bar(span: Sequence[float], *, enabled: bool) -> Iterator[Report | None]:
+    """Yield a callback for the time reached by a run; None if not `enabled`, or without a terminal or a notebook."""
+    with _bar(span, "t = {:.6g}".format, enabled=enabled, stays=False) as report:
         yield report
 
 
 @contextmanager
-def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> Iterator[Report | None]:
+def counter(total: int, noun: str, *, enabled: bool | str, before: int = 0) -> Iterator[Report | None]:
     """Yield a callback for the number of finished items out of `total`. None if no bar is shown.
 
     The bar shows the rate and the remaining time, from the items finished since the start; `before` items were finished
-    earlier. `noun` names one item. The last line of the bar remains. If `wanted` is `LINES`, lines are written where
+    earlier. `noun` names one item. The last line of the bar remains. If `enabled` is `LINES`, lines are written where
     there is no terminal or notebook.
     """
     began = time.perf_counter()
@@ -188,7 +188,7 @@ def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> It
         left = "" if done >= total else f", {_rounded_time((total - done) / rate)} left"
         return f"{said}, {_rate(rate)}{left}"
 
-    with _bar((0.0, float(total)), describe, wanted=wanted, stays=True) as report:
+    with _bar((0.0, float(total)), describe, enabled=enabled, stays=True) as report:
         if report is not None:
             report(float(before))
         yield report
@@ -210,25 +210,25 @@ def _rounded_time(seconds: float) -> str:
 
 @contextmanager
 def _bar(
-    span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
+    span: Sequence[float], describe: Callable[[float], str], *, enabled: bool | str, stays: bool
 ) -> Iterator[Report | None]:
     """Yield a callback that moves a bar in the span and describes the position; None if no bar is shown."""
-    display = _display_of(wanted)
+    display = _display_of(enabled)
     if display is None:
         yield None
         return
     began = last = time.perf_counter()
-    place = start = float(span[0])
+    position = start = float(span[0])
     length = float(span[1]) - start
 
     def state() -> ProgressState:
         seconds = f", {time.perf_counter() - began:.1f} s" if display.timed else ""
-        share = min(abs((place - start) / length), 1.0) if length else 1.0
-        return ProgressState(f"{describe(place)}{seconds}", share)
+        share = min(abs((position - start) / length), 1.0) if length else 1.0
+        return ProgressState(f"{describe(position)}{seconds}", share)
 
     def report(reached: float) -> None:
-        nonlocal last, place
-        place = reached
+        nonlocal last, position
+        position = reached
         if (now := time.perf_counter()) - last >= display.seconds_between:
             last = now
             display.show(state())

@@ -109,12 +109,12 @@ class Rotation(NonScalar):
         """The inverse rotation: the transposed matrix."""
         return self.matrix.T
 
-    def __getitem__(self, place: Any) -> Any:
+    def __getitem__(self, index: Any) -> Any:
         try:
-            return self.matrix[place]
+            return self.matrix[index]
         except (IndexError, TypeError):
             raise StatementError(
-                f"{self.name} is a 3 by 3 matrix without an entry {shown(place)}: rows and columns are 0, 1 and 2, as "
+                f"{self.name} is a 3 by 3 matrix without an entry {shown(index)}: rows and columns are 0, 1 and 2, as "
                 f"in {self.name}[2, 2]."
             ) from None
 
@@ -126,8 +126,8 @@ class Rotation(NonScalar):
         parts = entries(other, f"the vector that {self.name} turns")
         is_matrix = isinstance(other, sympy.MatrixBase)
         if parts is None or len(parts) != 3 or (is_matrix and other.cols != 1):
-            given = shown(other) if parts is None else "a row" if len(parts) == 3 else f"{len(parts)} entries"
-            raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {given}.")
+            description = shown(other) if parts is None else "a row" if len(parts) == 3 else f"{len(parts)} entries"
+            raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {description}.")
         return self.matrix * (other if is_matrix else in_space(parts))
 
     __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _sympy_ = __array_ufunc__ = _refusal(
@@ -166,17 +166,17 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
 
-def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
+def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return a table of a state in coordinates and velocities alone: rotations and rates are replaced by quaternions.
 
-    Keys of `given` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
+    Keys of `state` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
     are numbers or expressions. `values` has the present values of all coordinates and velocities. If no rates of a
     rotation are given, its rates about the axes of the body stay. If some are given, the other rates about the same
     axes stay. `table` names the table in messages. Raises StatementError for a start that is not a rotation, for rates
     about the axes of both body and space, and for a rotation given both whole and by entries of its quaternion.
     """
     names = _names_of(tuple(values))
-    plain, rates = _on_rates({names.get(key, key): value for key, value in given.items()}, values, table)
+    plain, rates = _on_rates({names.get(key, key): value for key, value in state.items()}, values, table)
     by_entry = {key if isinstance(key, str) else row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
     for each in starts:
@@ -249,23 +249,23 @@ def _on_rates(
     value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate. Raises
     StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
     """
-    places: dict[Any, tuple[Any, Sequence[int]]] = {}
+    components: dict[Any, tuple[Any, Sequence[int]]] = {}
     for each in _rotations_of(tuple(coordinates)):
         for rates in (each.body, each.space):
-            places[rates] = rates, range(3)
+            components[rates] = rates, range(3)
             for k, rate in enumerate(rates):
-                places[rate] = places[name_of(rate)] = rates, (k,)
+                components[rate] = components[name_of(rate)] = rates, (k,)
     plain: dict[Any, Any] = {}
     values: dict[Any, list[Any]] = {}
     for key, value in table.items():
-        if key not in places:
+        if key not in components:
             if isinstance(key, sympy.MatrixBase) or is_shorthand(key):
                 raise StatementError(
                     f"{label} names {shown(key)}: use R.body or R.space of a rotation R of this system."
                 )
             plain[key] = value
             continue
-        rates, axes = places[key]
+        rates, axes = components[key]
         vector = name_of(rates[0])[:-2].replace("_body", ".body").replace("_space", ".space")
         row = values.setdefault(rates, [None] * 3)
         parts = [value] if len(axes) == 1 else entries(value, f"{what}{vector}")
@@ -290,8 +290,8 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
     """Raise StatementError if a quaternion in the states (q, v), (2n,) or (2n, m), is not and stays of length one."""
     state = np.asarray(values, dtype=float)
-    for each, places, moving in _quaternion_rows(tuple(coordinates)):
-        q, v = state[places], state[moving]
+    for each, rows, moving in _quaternion_rows(tuple(coordinates)):
+        q, v = state[rows], state[moving]
         sizes = np.sqrt((q * q).sum(axis=0))
         if (abs(sizes - 1) > STRETCH).any():
             raise StatementError(of_length(each.name, float(np.atleast_1d(sizes)[abs(sizes - 1).argmax()])))

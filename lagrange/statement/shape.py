@@ -45,11 +45,11 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
     sizes = _entries(size, "the size of a shape", equal=True)
     centre = in_space(_entries(at, "the place of a shape"))
     lines = OUTLINES[kind]()
-    places = dict.fromkeys(place for line in lines for place in line)
-    number = {place: k for k, place in enumerate(places)}
+    vertices = dict.fromkeys(vertex for line in lines for vertex in line)
+    number = {vertex: k for k, vertex in enumerate(vertices)}
     corners = []
-    for place in places:
-        arm = in_space([0 if share == 0 else share * side for share, side in zip(place, sizes, strict=True)])
+    for vertex in vertices:
+        arm = in_space([0 if share == 0 else share * side for share, side in zip(vertex, sizes, strict=True)])
         corners.append(tuple(centre + (arm if rotation is None else rotation * arm)))
     edges = dict.fromkeys((number[a], number[b]) for line in lines for a, b in pairwise(line))
     return Shape(tuple(corners), tuple(edges))

@@ -140,9 +140,9 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
     Raises StatementError, with the deviation, for a value that is not a rotation.
     """
-    given = np.array(value, dtype=object)
+    array = np.array(value, dtype=object)
     try:
-        numbers = given.astype(float)
+        numbers = array.astype(float)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():

@@ -217,7 +217,7 @@ class Statement:
             straight = all(not entry.diff(along, 2) for entry in point)
             shares = [Float(k / CHORDS) for k in range(0, CHORDS + 1, CHORDS if straight else 1)]
             points = (tuple(entry.xreplace({along: share}) for entry in point) for share in shares)
-            outlines[name] = {f"{name}[{k}]": place for k, place in enumerate(points)}
+            outlines[name] = {f"{name}[{k}]": sample for k, sample in enumerate(points)}
         return outlines
 
     @cached_property

@@ -89,7 +89,7 @@ def integrate_since(
 ) -> Solution:
     """Integrate as `integrate` does. `began` is the time of the request by `time.perf_counter`."""
     if flag(progress, "progress"):
-        with progress_bar(time_span(span), wanted=True) as report:
+        with progress_bar(time_span(span), enabled=True) as report:
             trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
     else:
         trajectory, values = trajectory_of(model, span, initial, options, began=began)
@@ -108,7 +108,7 @@ def compiled(system: Stated | Model, example: str, *, progress: bool | str = Fal
     """
     statement = stated(system, example)
     require_values(statement)
-    with compiling(statement.name, wanted=bool(progress)):
+    with compiling(statement.name, enabled=bool(progress)):
         return system if isinstance(system, Model) else system.compile()
 
 
@@ -134,7 +134,7 @@ def run_stated(
             options = replace(options, rtol=rtol, atol=scene.atol if atol is None else atol)
         elif options.step is None:
             options = replace(options, step=scene.step)
-    with compiling(system.statement.name, wanted=flag(progress, "progress")):
+    with compiling(system.statement.name, enabled=flag(progress, "progress")):
         try:
             with preparation(began, options.wall_limit):
                 model = system.compile(target, check=check)

@@ -28,7 +28,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_the_rate_is_that_of_what_was_done_now(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     """3,000 of 10,000 were stored before; 2,000 in 20 s are 100 a second, and 5,000 more take 50 s."""
-    with progress.counter(10_000, "member", wanted="lines", before=3000) as report:
+    with progress.counter(10_000, "member", enabled="lines", before=3000) as report:
         assert report is not None
         clock[0] += 20.0
         report(5000.0)
@@ -56,7 +56,7 @@ def test_the_rate_is_that_of_what_was_done_now(clock: list[float], capsys: pytes
 def test_slow_members_are_counted_by_the_minute(
     done: int, seconds: float, said: str, clock: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with progress.counter(1000, "member", wanted="lines") as report:
+    with progress.counter(1000, "member", enabled="lines") as report:
         assert report is not None
         clock[0] += seconds
         report(done)

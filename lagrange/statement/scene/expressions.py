@@ -54,7 +54,7 @@ COMPARISONS: dict[str, Callable[..., Any]] = {
 }
 
 _DOUBLES: dict[str, Callable[..., float]] = {
-    **{one.name: one.of_float for one in ELEMENTARY.values()},
+    **{function.name: function.of_float for function in ELEMENTARY.values()},
     "atan2": math.atan2,
     "sqrt": math.sqrt,
     "cot": lambda x: 1 / math.tan(x),

@@ -166,8 +166,8 @@ class SceneDocument(Document):
             try:
                 sides.append(reader.read(side))
             except SceneError as error:
-                place = None if error.column is None else error.column + begin
-                self.refuse(f"{dotted(path)}: {error.reason}", *path, column=place)
+                column = None if error.column is None else error.column + begin
+                self.refuse(f"{dotted(path)}: {error.reason}", *path, column=column)
             begin += len(side) + len("==")
         left, right = sides
         return left - right
@@ -521,26 +521,26 @@ class SceneReader:
         return points
 
     def shape(
-        self, reader: ExpressionReader, table: Mapping[str, Any], rotations: Sequence[Rotation], *place: str
+        self, reader: ExpressionReader, table: Mapping[str, Any], rotations: Sequence[Rotation], *path: str
     ) -> Shape:
         """Return the shape of a body in a table of [positions], such as { shape = "disc", size = "r", rotation = "R" }.
 
-        Without `rotation` the body does not turn, and without `at` its centre is at the origin. `place` is the path of
+        Without `rotation` the body does not turn, and without `at` its centre is at the origin. `path` is the path of
         the table.
         """
-        self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *place)
+        self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *path)
         if "shape" not in table or "size" not in table:
-            self.document.refuse('a body to draw has no shape or no size: write shape = "disc" and size = "r".', *place)
+            self.document.refuse('a body to draw has no shape or no size: write shape = "disc" and size = "r".', *path)
         turned = {each.name: each for each in rotations}
         if table.get("rotation", None) not in (None, *turned):
             known = listing(turned) or "none"
-            self.document.refuse(f"the rotation of a shape is one of this scene: it has {known}.", *place, "rotation")
-        with self.document.located(*place):
+            self.document.refuse(f"the rotation of a shape is one of this scene: it has {known}.", *path, "rotation")
+        with self.document.located(*path):
             return shape(
-                self.document.text(*place, "shape"),
+                self.document.text(*path, "shape"),
                 turned.get(table.get("rotation", "")),
-                self.document.one_or_more(reader, *place, "size"),
-                self.document.one_or_more(reader, *place, "at") if "at" in table else (0, 0, 0),
+                self.document.one_or_more(reader, *path, "size"),
+                self.document.one_or_more(reader, *path, "at") if "at" in table else (0, 0, 0),
             )
 
     def links(self) -> list[Link]:
@@ -556,9 +556,9 @@ class SceneReader:
                 self.document.refuse(
                     'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
                 )
-            for place, part in enumerate(link):
-                with self.document.located("links", i, place):
-                    link_part(place, part, known)
+            for position, part in enumerate(link):
+                with self.document.located("links", i, position):
+                    link_part(position, part, known)
         return [Link(*link) for link in links]
 
     def run(self) -> RunSettings:

@@ -101,5 +101,5 @@ class Uses:
     def changes(self, name: str, clause: Clause) -> bool:
         """Return True if a clause other than `clause` states the derivative of a name, or that it is constant."""
         rates = (name + ending for endings in SPELLINGS[1:] for ending in endings)
-        places = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
-        return any(offsets - {clause.begin} for offsets in places)
+        offset_sets = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
+        return any(offsets - {clause.begin} for offsets in offset_sets)

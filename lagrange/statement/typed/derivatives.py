@@ -30,10 +30,10 @@ def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     return _leibniz(_marked(_divided(tokens), NESTED), NESTED)
 
 
-def closing(tokens: Sequence[Token], place: int) -> int:
-    """Return the index of the bracket that closes the one at index `place`, or the number of tokens if none does."""
+def closing(tokens: Sequence[Token], start: int) -> int:
+    """Return the index of the bracket that closes the one at index `start`, or the number of tokens if none does."""
     depth = 0
-    for i in range(place, len(tokens)):
+    for i in range(start, len(tokens)):
         if tokens[i].is_sign(*OPENING):
             depth += 1
         elif tokens[i].is_sign(*OPENING.values()):
@@ -56,13 +56,13 @@ def _divided(tokens: Sequence[Token]) -> list[Token]:
         middle = ends.get(i + 1, i + 1) + 1
         after = ends.get(middle, middle) + 1
         if token.kind == "fraction" and after <= len(tokens) and not {i + 1, middle} & unclosed:
-            for place, mark in ((i, "("), (middle, "/"), (after, ")")):
-                marks[place] += mark
+            for index, mark in ((i, "("), (middle, "/"), (after, ")")):
+                marks[index] += mark
     divided: list[Token] = []
     for i, token in enumerate([*tokens, *tokens[-1:]]):
         last = tokens[i - 1].begin if i else 0
-        places = [(mark, token.begin if mark == "(" else last) for mark in marks[i]]
-        divided += [Token("sign", mark, place, place) for mark, place in places]
+        signs = [(mark, token.begin if mark == "(" else last) for mark in marks[i]]
+        divided += [Token("sign", mark, offset, offset) for mark, offset in signs]
         divided += [token] if i < len(tokens) and token.kind != "fraction" else []
     return divided
 
@@ -215,5 +215,5 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     if not comma or not by or any(word != "t" and not word.isdigit() for word in by):
         return None
     order = sum(1 if word == "t" else int(word) - 1 for word in by)
-    brackets = (Token("sign", mark, place, place) for mark, place in (("(", inside[0].begin), (")", inside[-1].end)))
+    brackets = (Token("sign", mark, offset, offset) for mark, offset in (("(", inside[0].begin), (")", inside[-1].end)))
     return (order, [next(brackets), *inside[:comma], next(brackets)], end + 1) if order in (1, 2) else None

@@ -117,22 +117,22 @@ class Part:
 class Choices:
     """Choices between readings: `chosen` maps places to the index of the chosen option, by default 0.
 
-    `asked` maps each place that the parser met to its number of options.
+    `asked` maps each choice that the parser met to its number of options.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
     asked: dict[str, int] = field(default_factory=dict)
 
-    def take(self, place: str, count: int) -> int:
-        """Return the index of the option chosen at `place`, which has `count` options."""
-        self.asked[place] = max(count, self.asked.get(place, 0))
-        return min(self.chosen.get(place, 0), count - 1)
+    def take(self, choice: str, count: int) -> int:
+        """Return the index of the option taken in a choice, which has `count` options."""
+        self.asked[choice] = max(count, self.asked.get(choice, 0))
+        return min(self.chosen.get(choice, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
         """Return other choices for `chosen`; those that differ from the default at fewer places come first."""
-        open_places = {place: count for place, count in self.asked.items() if count > 1}
-        every = product(*(range(count) for count in open_places.values()))
-        listed = [dict(zip(open_places, options, strict=True)) for options in islice(every, 1, 256)]
+        open_choices = {choice: count for choice, count in self.asked.items() if count > 1}
+        every = product(*(range(count) for count in open_choices.values()))
+        listed = [dict(zip(open_choices, options, strict=True)) for options in islice(every, 1, 256)]
         return sorted(listed, key=lambda chosen: sum(map(bool, chosen.values())))[: MOST_READINGS - 1]
 
 
@@ -213,8 +213,8 @@ class _Parser:
 
     def peek(self, ahead: int = 0) -> Token | None:
         """Return the token `ahead` places after the current one, or None after the end."""
-        place = self.place + ahead
-        return self.tokens[place] if place < len(self.tokens) else None
+        index = self.place + ahead
+        return self.tokens[index] if index < len(self.tokens) else None
 
     def next_is(self, *signs: str) -> bool:
         """Return True if the current token is one of these signs."""
@@ -391,8 +391,8 @@ class _Parser:
         if piece.kind == "e":
             exponent = self.exponent()
             return Part("exp(1)") if exponent is None else self.called("exp", [exponent])
-        here = [following.text for following in self.tokens[self.place : self.place + 3]]
-        if piece.base and here in (["(", "t", ")"], ["[", "t", "]"]):
+        texts = [following.text for following in self.tokens[self.place : self.place + 3]]
+        if piece.base and texts in (["(", "t", ")"], ["[", "t", "]"]):
             self.place += 3
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
 
@@ -450,10 +450,10 @@ class _Parser:
         moves = any(part.moves for part in arguments)
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
-    def rate(self, operand: Part, order: int, place: int) -> Part:
+    def rate(self, operand: Part, order: int, offset: int) -> Part:
         """Return the time derivative of an operand: a symbol of the system, or a new name entered in `rates`."""
         if order > 2:
-            raise TypedFault("an equation of motion has no third derivative", place)
+            raise TypedFault("an equation of motion has no third derivative", offset)
         piece = self.names.exact.get(operand.text)
         if piece is not None and (rate := self.names.derivative(piece, order)):
             return Part(rate.name, moves=True)

@@ -67,8 +67,8 @@ def with_marks(text: str) -> str:
 
 def _marked(match: re.Match[str]) -> str:
     """Return the text of one matrix, on one line and with single characters for its commands."""
-    place = 3 if match.group(2) is None else 2
-    inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(place)).rstrip(f"{ROW} \n")
-    inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(place)))
-    before, after = match.start(place) - match.start(), match.end() - match.end(place)
+    group = 3 if match.group(2) is None else 2
+    inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(group)).rstrip(f"{ROW} \n")
+    inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(group)))
+    before, after = match.start(group) - match.start(), match.end() - match.end(group)
     return MATRIX.ljust(before) + inside + MATRIX_END.rjust(after)

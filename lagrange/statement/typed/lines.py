@@ -63,14 +63,14 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
-    place = 0
+    offset = 0
     lines: list[str] = []
     unlabelled = _without_labels(blanked.split("\n"), is_coordinate)
     for line, frame in zip(unlabelled, framed, strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if depth_of(before) > 0 else _without_label(line))
-        begin, end = place, place + len(line)
-        place = end + 1
+        begin, end = offset, offset + len(line)
+        offset = end + 1
         if not lines[-1].strip():
             continue
         labelled = len(line) - len(line.lstrip()) < len(lines[-1]) - len(lines[-1].lstrip())
@@ -200,8 +200,8 @@ def parts_of_document(text: str) -> Iterator[str]:
         spans = [formula.span() for formula in _FORMULA.finditer(text, begin, end) if "=" in formula.group()]
         if not (spans or match is section):
             continue
-        kept, place, blank = list[str](), 0, _spaces(text)
+        kept, offset, blank = list[str](), 0, _spaces(text)
         for first, last in spans or [(begin, end)]:
-            kept += [re.sub("^ ", ";", blank[place:first]), text[first:last]]
-            place = last
-        yield "".join([*kept, blank[place:]])
+            kept += [re.sub("^ ", ";", blank[offset:first]), text[first:last]]
+            offset = last
+        yield "".join([*kept, blank[offset:]])

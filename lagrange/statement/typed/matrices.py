@@ -35,10 +35,10 @@ def _defines(tokens: Sequence[Token]) -> bool:
     return matrices == [2] and tokens[0].kind == "word" and tokens[1].is_sign("=") and tokens[-1].is_sign(MATRIX_END)
 
 
-def _matrix(tokens: Sequence[Token], place: int) -> tuple[Matrix, int]:
-    """Return the matrix that begins at index `place`, and the next index. Raises TypedFault for an empty entry."""
+def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
+    """Return the matrix that begins at index `start`, and the next index. Raises TypedFault for an empty entry."""
     matrix: Matrix = [[[]]]
-    for i in range(place + 1, len(tokens)):
+    for i in range(start + 1, len(tokens)):
         if tokens[i].is_sign(ROW):
             matrix.append([[]])
         elif tokens[i].is_sign(CELL):
@@ -49,7 +49,7 @@ def _matrix(tokens: Sequence[Token], place: int) -> tuple[Matrix, int]:
             return matrix, i + 1
         else:
             break
-    raise TypedFault("a matrix has no end, or an entry that is empty or a matrix", tokens[place].begin)
+    raise TypedFault("a matrix has no end, or an entry that is empty or a matrix", tokens[start].begin)
 
 
 def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[Token]:
@@ -74,20 +74,20 @@ def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[To
 def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
     """Return the rows of a vector equation as equations. Raises TypedFault if its columns differ in length."""
     parts: list[Token | list[list[Token]]] = []
-    place = size = 0
-    while place < len(tokens):
-        begin, factors = tokens[place], list[Matrix]()
-        while place < len(tokens) and tokens[place].is_sign(MATRIX):
-            matrix, place = _matrix(tokens, place)
+    index = size = 0
+    while index < len(tokens):
+        begin, factors = tokens[index], list[Matrix]()
+        while index < len(tokens) and tokens[index].is_sign(MATRIX):
+            matrix, index = _matrix(tokens, index)
             factors.append(matrix)
-            place += [token.text for token in tokens[place : place + 2]] == ["*", MATRIX]
+            index += [token.text for token in tokens[index : index + 2]] == ["*", MATRIX]
         if not factors:
             parts.append(begin)
-            place += 1
+            index += 1
             continue
         column = _column(factors, begin)
-        if place < len(tokens) and (tokens[place].is_sign("^") or tokens[place].kind == "power"):
-            raise TypedFault("a column has no powers", tokens[place].begin)
+        if index < len(tokens) and (tokens[index].is_sign("^") or tokens[index].kind == "power"):
+            raise TypedFault("a column has no powers", tokens[index].begin)
         if size not in (0, len(column)):
             raise TypedFault(f"a column has {len(column)} rows, and one before it {size}", begin.begin)
         size = len(column)
@@ -126,5 +126,5 @@ def _sum(terms: Sequence[list[Token]]) -> list[Token]:
     return [token for term in kept for token in (_sign("+", term[0]), *term)]
 
 
-def _sign(mark: str, place: Token) -> Token:
-    return Token("sign", mark, place.begin, place.end)
+def _sign(mark: str, token: Token) -> Token:
+    return Token("sign", mark, token.begin, token.end)

@@ -164,7 +164,7 @@ class TypedReader:
                 (remarks if left_out else faults).extend(error.faults)
                 continue
             line = _line(text, clause.begin)
-            read += [TypedEquation(readings, line, aside, place) for place, readings in enumerate(equations)]
+            read += [TypedEquation(readings, line, aside, index) for index, readings in enumerate(equations)]
         if faults or (remarks and not read):
             raise StatementError(reader._refusal(text, faults or remarks, what))
         return read
@@ -276,11 +276,11 @@ class TypedReader:
                 cancelled.append(Reading(zero, right, reading.read, tuple(inside)))
         return tuple(cancelled)
 
-    def _read_before(self, sides: Sequence[Sequence[Token]], place: int) -> str:
-        """Return the strict text of the part of an equation before an offset `place`, without operators at its end."""
+    def _read_before(self, sides: Sequence[Sequence[Token]], offset: int) -> str:
+        """Return the strict text of the part of an equation before an offset, without operators at its end."""
         read: list[str] = []
         for side in sides:
-            tokens = [token for token in side if token.end <= place]
+            tokens = [token for token in side if token.end <= offset]
             while tokens and tokens[-1].is_sign(*"+-*/^"):
                 tokens.pop()
             try:
@@ -337,11 +337,11 @@ class TypedReader:
         unknown name, the equation is that the rate of the side is zero.
         """
         sides, begin = clause.sides(), clause.begin
-        places = [token.begin for token in clause.tokens if token.is_sign("=")]
-        for place, left, right in zip(places, sides, sides[1:], strict=False):
+        offsets = [token.begin for token in clause.tokens if token.is_sign("=")]
+        for offset, left, right in zip(offsets, sides, sides[1:], strict=False):
             if not left or not right:
                 side = "left" if not left else "right"
-                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", place)])
+                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", offset)])
         laws = [side for side in sides if len(sides) > 2 and clause.is_law(side[0].begin, side[-1].end)]
         plain = [
             side
@@ -350,8 +350,8 @@ class TypedReader:
         ]
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(self.names.order(side) > 1 for side in sides):
-            many = f"there are {len(places)} signs of equality: write one equation with two sides"
-            raise _Faults([TypedFault(many, places[1])])
+            many = f"there are {len(offsets)} signs of equality: write one equation with two sides"
+            raise _Faults([TypedFault(many, offsets[1])])
         if clause.constant:
             sides = [*sides, []]
         if clause.constant or (len(sides) > 1 and (is_constant(sides[-1]) or self._is_integral(*sides))):
@@ -426,8 +426,10 @@ class TypedReader:
         sentences = []
         for fault in faults[:MOST_TOLD]:
             line, column = _line(text, fault.place), fault.place - text.rfind("\n", 0, fault.place)
-            place = f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
-            sentences.append(f"{place}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}")
+            location = (
+                f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
+            )
+            sentences.append(f"{location}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}")
         end = f" The symbols are {self._symbols()}."
         if faults[0].read and len(sentences[0] + faults[0].read + end) < LONGEST_REFUSAL - len(READ_SO_FAR):
             end = READ_SO_FAR.format(faults[0].read) + end
@@ -476,5 +478,5 @@ def _is_factor(symbol: Any, expression: Any) -> bool:
     return bool(numbers and abs(a * d - b * c) <= EQUAL * max(abs(a * d), 1))
 
 
-def _line(text: str, place: int) -> int:
-    return text.count("\n", 0, place) + 1
+def _line(text: str, offset: int) -> int:
+    return text.count("\n", 0, offset) + 1

@@ -271,13 +271,13 @@ class Clause:
 
         If `first` is 0, the words must begin the clause.
         """
-        place, run = self.words[first].begin if first else self.begin, list[Word]()
+        offset, run = self.words[first].begin if first else self.begin, list[Word]()
         for word in self.words[first:]:
             negated = self._spelled(word) in _NEGATIONS and not _AFTER_COMMA.match(self.text, word.end, self.end)
-            if negated or word.kind in (FORMULA, NAME) or self.text[place : word.begin].strip(_PUNCTUATION):
+            if negated or word.kind in (FORMULA, NAME) or self.text[offset : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
-            place = word.end
+            offset = word.end
         return run
 
     def _prose(self) -> Iterator[tuple[int, int]]:

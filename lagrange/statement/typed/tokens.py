@@ -95,14 +95,14 @@ class _Scanner:
         self.spaced = False
         self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
 
-    def scan(self, place: int) -> list[Token]:
-        """Return all tokens from the offset `place` on."""
-        while place < self.end:
-            blank = _BLANK.match(self.text, place)
+    def scan(self, offset: int) -> list[Token]:
+        """Return all tokens from an offset on."""
+        while offset < self.end:
+            blank = _BLANK.match(self.text, offset)
             if blank:
-                self.spaced, place = True, blank.end()
+                self.spaced, offset = True, blank.end()
                 continue
-            place = self._token(place)
+            offset = self._token(offset)
         return self.tokens
 
     def _add(self, kind: str, text: str, begin: int, end: int, order: int = 0) -> int:
@@ -114,98 +114,100 @@ class _Scanner:
         self.spaced = False
         return end
 
-    def _token(self, place: int) -> int:
-        """Add the token that begins at the offset `place`, and return the next offset."""
-        mark = self.text[place]
-        decimal = _DECIMAL_COMMA.match(self.text, place)
+    def _token(self, offset: int) -> int:
+        """Add the token that begins at an offset, and return the next offset."""
+        mark = self.text[offset]
+        decimal = _DECIMAL_COMMA.match(self.text, offset)
         if decimal and not any(self.listing[-1:]):
-            return self._add("number", ".".join(decimal.groups()), place, decimal.end())
-        number = _NUMBER.match(self.text, place)
+            return self._add("number", ".".join(decimal.groups()), offset, decimal.end())
+        number = _NUMBER.match(self.text, offset)
         if number:
-            return self._add("number", number.group().removesuffix("."), place, number.end())
-        superscript = _SUPERSCRIPT.match(self.text, place)
+            return self._add("number", number.group().removesuffix("."), offset, number.end())
+        superscript = _SUPERSCRIPT.match(self.text, offset)
         if superscript:
             sign = "-" if superscript.group(1) == "⁻" else ""
             digits = unicodedata.normalize("NFKC", superscript.group(2))
-            return self._add("power", sign + digits, place, superscript.end())
+            return self._add("power", sign + digits, offset, superscript.end())
         if mark == "\\":
-            return self._command(place)
-        if self.text.startswith("**", place):
-            return self._add("sign", "^", place, place + 2)
-        if self.text.startswith("==", place):
-            return self._add("sign", "=", place, place + 2)
+            return self._command(offset)
+        if self.text.startswith("**", offset):
+            return self._add("sign", "^", offset, offset + 2)
+        if self.text.startswith("==", offset):
+            return self._add("sign", "=", offset, offset + 2)
         if mark in PRIMES:
-            return self._add("prime", str(PRIMES[mark]), place, place + 1)
+            return self._add("prime", str(PRIMES[mark]), offset, offset + 1)
         if mark in SIGNS:
-            return self._add("sign", SIGNS[mark], place, place + 1)
+            return self._add("sign", SIGNS[mark], offset, offset + 1)
         if mark == "_" or mark in _SUBSCRIPTS:
-            index, after = self._indices(place)
+            index, after = self._indices(offset)
             if index:
-                return self._add("index", index, place, after)
+                return self._add("index", index, offset, after)
         if mark.isalpha():  # of any alphabet, so that messages name whole words
-            return self._word(place)
+            return self._word(offset)
         above, slash, below = unicodedata.normalize("NFKC", mark).partition("⁄")
         if slash:
             last = self.tokens[-1] if self.tokens else None
-            if last and last.end == place and last.kind == "number" and last.text.isdigit():  # 1½
+            if last and last.end == offset and last.kind == "number" and last.text.isdigit():  # 1½
                 self.tokens.pop()
-                return self._add("number", f"{int(last.text) * int(below) + int(above)}/{below}", last.begin, place + 1)
-            return self._add("number", f"{above}/{below}", place, place + 1)
-        return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", place, place + 1)
+                return self._add(
+                    "number", f"{int(last.text) * int(below) + int(above)}/{below}", last.begin, offset + 1
+                )
+            return self._add("number", f"{above}/{below}", offset, offset + 1)
+        return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", offset, offset + 1)
 
-    def _word(self, place: int) -> int:
+    def _word(self, offset: int) -> int:
         """Add a word: letters, digits and subscripts. A letter with dots begins a new word. Return the next offset."""
-        begin, spelled, order = place, "", 0
-        while place < self.end:
-            mark = self.text[place]
+        begin, spelled, order = offset, "", 0
+        while offset < self.end:
+            mark = self.text[offset]
             if not (mark.isalpha() or (mark.isascii() and mark.isdigit())):
                 break
-            letter, dots, after = _dotted(self.text, place, self.end)
+            letter, dots, after = _dotted(self.text, offset, self.end)
             if (dots and spelled) or (mark.isdigit() and spelled in _BEFORE_DIGITS):
                 break
-            spelled, order, place = spelled + letter, order or dots, after
-            index, place = self._indices(place)
+            spelled, order, offset = spelled + letter, order or dots, after
+            index, offset = self._indices(offset)
             spelled += index
-            if place < self.end and self.text[place] in DOTS and not order:
-                order, place = DOTS[self.text[place]], place + 1
-        bracketed = _BRACKETED.match(self.text, place) if spelled in ("lambda", "λ") else None
+            if offset < self.end and self.text[offset] in DOTS and not order:
+                order, offset = DOTS[self.text[offset]], offset + 1
+        bracketed = _BRACKETED.match(self.text, offset) if spelled in ("lambda", "λ") else None
         if bracketed:
-            spelled, place = f"{spelled}_{bracketed.group(1)}", bracketed.end()
-        rate = _RATE.match(self.text, place)
+            spelled, offset = f"{spelled}_{bracketed.group(1)}", bracketed.end()
+        rate = _RATE.match(self.text, offset)
         if rate:
-            order, place = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
-        if spelled in latex.DERIVATIVES and self.text.startswith("(", place):  # ddot(x)
-            return self._add("dots", str(latex.DERIVATIVES[spelled]), begin, place)
-        return self._add("word", spelled, begin, place, order)
+            order, offset = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
+        if spelled in latex.DERIVATIVES and self.text.startswith("(", offset):  # ddot(x)
+            return self._add("dots", str(latex.DERIVATIVES[spelled]), begin, offset)
+        return self._add("word", spelled, begin, offset, order)
 
-    def _indices(self, place: int) -> tuple[str, int]:
+    def _indices(self, offset: int) -> tuple[str, int]:
         """Return consecutive subscripts at an offset as one text, such as the two of _1_dot, and the next offset."""
         joined = ""
-        while place < self.end:
-            index = _PLAIN_INDEX.match(self.text, place) or _INDEX.match(self.text, place)
-            if self.text[place] in _SUBSCRIPTS:
-                joined, place = joined + _SUBSCRIPTS[self.text[place]], place + 1
+        while offset < self.end:
+            index = _PLAIN_INDEX.match(self.text, offset) or _INDEX.match(self.text, offset)
+            if self.text[offset] in _SUBSCRIPTS:
+                joined, offset = joined + _SUBSCRIPTS[self.text[offset]], offset + 1
             elif index:
                 inside = _INDEX_COMMAND.sub("", next(group for group in index.groups() if group is not None))
-                joined, place = joined + "_" + re.sub(r"[\s,]+", "_", inside.strip()), index.end()
+                joined, offset = joined + "_" + re.sub(r"[\s,]+", "_", inside.strip()), index.end()
             else:
                 break
-        return joined, place
+        return joined, offset
 
-    def _command(self, place: int) -> int:
+    def _command(self, offset: int) -> int:
         """Add the token that a LaTeX command means, and return the next offset."""
-        match = _COMMAND.match(self.text, place)
+        match = _COMMAND.match(self.text, offset)
         if match is None:
-            return self._add("fault", "a backslash stands at the end", place, place + 1)
+            return self._add("fault", "a backslash stands at the end", offset, offset + 1)
         name, after = match.group(1), match.end()
         if name in latex.SPACES or name.isspace():
             self.spaced = True
             return after
         if name in latex.COMMAND_SIGNS:
             sign = latex.COMMAND_SIGNS[name]
-            return self._add("prime", "1", place, after) if sign == "'" else self._add("sign", sign, place, after)
+            return self._add("prime", "1", offset, after) if sign == "'" else self._add("sign", sign, offset, after)
         if name in latex.FRACTIONS:
-            after = self._add("fraction", name, place, after)
+            after = self._add("fraction", name, offset, after)
             for _ in range(2):
                 lone = _LONE.match(self.text, after)
                 kind = "number" if lone and lone.group(1).isdigit() else "word"
@@ -213,32 +215,32 @@ class _Scanner:
             return after
         if name in latex.DERIVATIVES:
             twice = self.text.startswith("[2]", after)  # \\dv[2]{x}{t}
-            return self._add("dots", str(latex.DERIVATIVES[name] + twice), place, after + 3 * twice)
+            return self._add("dots", str(latex.DERIVATIVES[name] + twice), offset, after + 3 * twice)
         if name in latex.WORD_GROUPS:
             group = _GROUP.match(self.text, after)
             if group and group.group(1):
                 index, end = self._indices(group.end())
-                return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, place, end)
+                return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, offset, end)
             if group is None:  # \mathrm d sets one letter upright
                 return after
         if name in latex.WORDS:
             index, end = self._indices(after)
-            return self._add("word", latex.WORDS[name] + index, place, end)
-        return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", place, after)
+            return self._add("word", latex.WORDS[name] + index, offset, end)
+        return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", offset, after)
 
 
-def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
+def _dotted(text: str, offset: int, end: int) -> tuple[str, int, int]:
     """Return the letter at an offset, the number of dots above it, and the offset after it.
 
     A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks is kept, with no dots.
     """
-    begin, place = place, place + 1
-    while place < end and unicodedata.combining(text[place]):
-        place += 1
-    base, *marks = list(unicodedata.normalize("NFD", text[begin:place]))
+    begin, offset = offset, offset + 1
+    while offset < end and unicodedata.combining(text[offset]):
+        offset += 1
+    base, *marks = list(unicodedata.normalize("NFD", text[begin:offset]))
     if any(mark not in DOTS for mark in marks):
-        return text[begin:place], 0, place
-    return GREEK_VARIANTS.get(base, base), sum(DOTS[mark] for mark in marks), place
+        return text[begin:offset], 0, offset
+    return GREEK_VARIANTS.get(base, base), sum(DOTS[mark] for mark in marks), offset
 
 
 def _named(mark: str) -> str:

@@ -70,7 +70,7 @@ def plain_text(text: str) -> str:
     spelled = text.strip()
     for sign, plain in SIGNS.items():
         spelled = spelled.replace(sign, plain)
-    return re.sub(rf"\b({'|'.join(FUNCTIONS_TOO)})\b(?!\s*\()", lambda found: OTHERS[found.group(1)], spelled)
+    return re.sub(rf"\b({'|'.join(FUNCTIONS_TOO)})\b(?!\s*\()", lambda match: OTHERS[match.group(1)], spelled)
 
 
 def _prefixed() -> Iterator[tuple[str, str]]:
@@ -206,36 +206,38 @@ def known_names() -> Mapping[str, Any]:
     return {**UNITS, **measures, "g": units.gram, **dimensions, **DERIVED}
 
 
-def _measured(one: Any) -> Dimension:
+def _measured(quantity: Any) -> Dimension:
     """Return the `Dimension` of a dimension or unit of SymPy."""
     from sympy.physics.units import Quantity
     from sympy.physics.units.systems.si import SI
 
-    unit = isinstance(one, Quantity)
-    parts = SI.get_dimension_system().get_dimensional_dependencies(SI.get_quantity_dimension(one) if unit else one)
+    unit = isinstance(quantity, Quantity)
+    parts = SI.get_dimension_system().get_dimensional_dependencies(
+        SI.get_quantity_dimension(quantity) if unit else quantity
+    )
     exponents = {str(base.name): Fraction(str(power)) for base, power in parts.items()}
     exponents.pop("angle", None)
-    factor = math.log(float(SI.get_quantity_scale_factor(one))) if unit else None
+    factor = math.log(float(SI.get_quantity_scale_factor(quantity))) if unit else None
     return Dimension.of(exponents, factor)
 
 
-def read_dimension(given: Any, what: str) -> Dimension:
+def read_dimension(value: Any, what: str) -> Dimension:
     """Return the `Dimension` that a user states: "mass", "kg*m/s**2", 1, or a dimension or unit of SymPy.
 
     Raises StatementError for an unknown name and for another type.
     """
-    if isinstance(given, str):
-        stated = _from_text(given, what)
+    if isinstance(value, str):
+        stated = _from_text(value, what)
         names = [symbol.name for symbol in stated.free_symbols]
         is_unit = bool(names) and all(name not in DERIVED and named(name).factor is not None for name in names)
-        return replace(_dimension_of(stated, what), unit=given.strip() if is_unit else "")
-    if isinstance(given, (int, float)) and not isinstance(given, bool) and given == 1:
+        return replace(_dimension_of(stated, what), unit=value.strip() if is_unit else "")
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 1:
         return DIMENSIONLESS
-    if isinstance(given, sympy.Expr):
-        dimension = _dimension_of(given, what)
-        return replace(dimension, unit="" if dimension.factor is None else str(given))
+    if isinstance(value, sympy.Expr):
+        dimension = _dimension_of(value, what)
+        return replace(dimension, unit="" if dimension.factor is None else str(value))
     raise StatementError(
-        f"{what} is {shown(given)}: give a dimension or a unit, such as 'length', 'm/s**2' or "
+        f"{what} is {shown(value)}: give a dimension or a unit, such as 'length', 'm/s**2' or "
         "sympy.physics.units.meter."
     )
 
@@ -289,24 +291,24 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
     return dimension
 
 
-def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
+def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
     """Return {symbol: dimension} from a user's table; `known` are the system's symbols by name.
 
     Keys of the table are symbols or names. Entries for symbols of other systems are checked and dropped. Raises
     StatementError for a value that is not a dimension or unit.
     """
-    if not isinstance(given, Mapping):
+    if not isinstance(table, Mapping):
         raise StatementError(
-            f"dimensions is {shown(given)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
+            f"dimensions is {shown(table)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
         )
-    named_by = {label_of(key): value for key, value in given.items()}
+    named_by = {label_of(key): value for key, value in table.items()}
     dimensions = {name: read_dimension(value, f"the dimension of {name}") for name, value in named_by.items()}
     return {known[name]: dimension for name, dimension in dimensions.items() if name in known}
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
     """Return the dimensions, with entries of functions x in place of those of derivatives x.dot."""
-    dimensions = {symbol: one for symbol, one in stated.items() if not isinstance(symbol, sympy.Derivative)}
+    dimensions = {symbol: dimension for symbol, dimension in stated.items() if not isinstance(symbol, sympy.Derivative)}
     time = dimensions.get(t, named("second"))
     for rate, dimension in stated.items():
         if isinstance(rate, sympy.Derivative):
@@ -334,9 +336,9 @@ def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
     return replace(product, unit=str(text) if text.free_symbols else "")
 
 
-def check_names(given: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
+def check_names(table: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
     """Raise StatementError for a text key that is neither a known symbol nor a rate; symbols may be foreign."""
-    for key in given:
+    for key in table:
         if isinstance(key, sympy.Basic) or key in known or key in rates:
             continue
         raise StatementError(

@@ -51,28 +51,28 @@ NO_UNIT = (
 
 
 class WrongTermError(Exception):
-    """A term with the dimension `found` in place of `wanted`.
+    """A term with another `dimension` than `expected`.
 
-    `place` is "whole", "sum", "power" or "function": the term is the whole expression, or in a sum, a power or a
+    `context` is "whole", "sum", "power" or "function": the term is the whole expression, or in a sum, a power or a
     function.
     """
 
-    def __init__(self, term: Any, found: Dimension, wanted: Dimension, place: str, within: Any = None) -> None:
+    def __init__(self, term: Any, dimension: Dimension, expected: Dimension, context: str, within: Any = None) -> None:
         super().__init__()
-        self.term, self.found, self.wanted, self.place, self.within = term, found, wanted, place, within
+        self.term, self.dimension, self.expected, self.context, self.within = term, dimension, expected, context, within
 
 
-def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement:
+def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement:
     """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term."""
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
     rates = {rate_name(name_of(q), order): q.diff(t, order) for q in _functions(statement) for order in (1, 2)}
-    stated = with_dimensions_of_rates(read_dimensions(given, known | rates))
+    stated = with_dimensions_of_rates(read_dimensions(table, known | rates))
     parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
-    check_names(given, known, rates)
+    check_names(table, known, rates)
     return replace(statement, dimensions=MappingProxyType(dimensions))
 
 
@@ -129,7 +129,7 @@ def check_dimensions(
     _infer(parts, known)
     # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
     # check below names the wrong term.
-    roots = [symbol for symbol, found in known.items() if symbol not in dimensions and not found.whole]
+    roots = [symbol for symbol, dimension in known.items() if symbol not in dimensions and not dimension.whole]
     known |= dict.fromkeys(roots, DIMENSIONLESS)
     for part in parts:
         try:
@@ -160,42 +160,42 @@ def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
     """Return the message on a wrong term. `plain` maps functions to symbols for messages."""
     term = in_short(wrong.term, plain)
-    place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
-    where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
+    contexts = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
+    where = contexts[wrong.context] if wrong.context in contexts else f"in {in_short(wrong.within, plain)} "
     terms = sympy.Add.make_args(part.expression)
     outer = next((candidate for candidate in terms if wrong.term not in terms and candidate.has(wrong.term)), None)
     inside = (
-        "" if outer is None or wrong.term.is_number or wrong.place == "function" else f", in {in_short(outer, plain)}"
+        "" if outer is None or wrong.term.is_number or wrong.context == "function" else f", in {in_short(outer, plain)}"
     )
-    has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.found}"
+    has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.dimension}"
     tables = any(map(table_range, (wrong.term, wrong.within)))
-    return f"{has}; {where}it should be {wrong.wanted}." + (NO_UNIT if tables else "")
+    return f"{has}; {where}it should be {wrong.expected}." + (NO_UNIT if tables else "")
 
 
 class _Checker(UnitEquations):
     """Checks the dimension of every term. In its methods `wanted` is the required dimension, or None for any."""
 
-    def check(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
+    def check(self, expression: Any, expected: Dimension | None) -> Dimension | None:
         """Return the dimension of an expression. Raises WrongTermError for the first term with a wrong dimension."""
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
-            return self._sum(expression, wanted)
-        dimension = self._single(expression, wanted)
-        if dimension is not None and wanted is not None and not dimension.like(wanted):
-            raise WrongTermError(expression, dimension, wanted, "whole")
+            return self._sum(expression, expected)
+        dimension = self._single(expression, expected)
+        if dimension is not None and expected is not None and not dimension.like(expected):
+            raise WrongTermError(expression, dimension, expected, "whole")
         return dimension
 
-    def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum. It is `wanted` if some term has that, else the most frequent one."""
+    def _sum(self, expression: Any, expected: Dimension | None) -> Dimension | None:
+        """Return the dimension of a sum. It is `expected` if some term has that, else the most frequent one."""
         dimensions = []
         for term in expression.args:
             # A term that is a sum itself has no required dimension.
             is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
-            dimensions.append((term, self.check(term, None) if is_sum else self._single(term, wanted)))
+            dimensions.append((term, self.check(term, None) if is_sum else self._single(term, expected)))
         known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
         if not known:
             return None
-        if wanted is not None and any(dimension.like(wanted) for _, dimension in known):
-            right = wanted
+        if expected is not None and any(dimension.like(expected) for _, dimension in known):
+            right = expected
         else:
             right = max(
                 (dimension for _, dimension in known),
@@ -204,45 +204,45 @@ class _Checker(UnitEquations):
         for term, dimension in known:
             if not dimension.like(right):
                 raise WrongTermError(term, dimension, right, "sum")
-        if wanted is not None and not right.like(wanted):
-            raise WrongTermError(known[0][0], right, wanted, "whole")
+        if expected is not None and not right.like(expected):
+            raise WrongTermError(known[0][0], right, expected, "whole")
         return right
 
-    def _single(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
+    def _single(self, expression: Any, expected: Dimension | None) -> Dimension | None:
         if expression.is_Mul:
-            return self._checked_product(expression, wanted)
+            return self._checked_product(expression, expected)
         if expression.is_Pow:
-            self._powered(expression.base, expression.exp, wanted)
+            self._powered(expression.base, expression.exp, expected)
             return self.dimension(expression)
-        for argument, dimension in inner_parts(expression, wanted):
+        for argument, dimension in inner_parts(expression, expected):
             try:
                 self.check(argument, dimension)
             except WrongTermError as wrong:
-                if wrong.place != "whole":
+                if wrong.context != "whole":
                     raise
-                raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
+                raise WrongTermError(wrong.term, wrong.dimension, wrong.expected, "function", expression) from None
         return self.dimension(expression)
 
-    def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a product. A factor that mixes dimensions must have what `wanted` leaves for it."""
+    def _checked_product(self, expression: Any, expected: Dimension | None) -> Dimension | None:
+        """Return the dimension of a product. A factor that mixes dimensions must have what `expected` leaves for it."""
         for factor in expression.args:
             others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
-            left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
+            left = None if expected is None or others is None else expected * others ** Fraction(-1)
             if factor.is_Pow:
                 self._powered(factor.base, factor.exp, left)
             else:
                 self.check(factor, left if self._differs(factor) else None)
         return self.dimension(expression)
 
-    def _powered(self, base: Any, exponent: Any, wanted: Dimension | None) -> None:
-        """Check a power. A base that is a sum of different dimensions must have the dimension that `wanted` implies."""
+    def _powered(self, base: Any, exponent: Any, expected: Dimension | None) -> None:
+        """Check a power. A base that mixes dimensions must have the dimension that `expected` implies."""
         power = number_of(exponent)
         if power is None:
             self.check(exponent, DIMENSIONLESS)
             dimension = self.dimension(base)
             if dimension is not None and dimension.exponents:
                 raise WrongTermError(base, dimension, DIMENSIONLESS, "power")
-        self.check(base, wanted ** (1 / power) if power and wanted is not None and self._differs(base) else None)
+        self.check(base, expected ** (1 / power) if power and expected is not None and self._differs(base) else None)
 
     def _differs(self, expression: Any) -> bool:
         """Return True if an expression is a sum of terms with different dimensions."""
@@ -259,12 +259,12 @@ def check_event_dimensions(number: int, zero: Any, resets: Sequence[tuple[Any, A
 
 
 @lru_cache(maxsize=64)
-def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
+def _check(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
     known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
     known |= {symbol: dimension for symbol, _ in resets if (dimension := dimension_of(symbol, known)) is not None}
-    parts = [CheckedPart(f"event {place}", _without_own_numbers(zero, None, known), None)]
+    parts = [CheckedPart(f"event {index}", _without_own_numbers(zero, None, known), None)]
     parts += [
-        CheckedPart(f"the reset of event {place}", _without_own_numbers(value, symbol, known), symbol)
+        CheckedPart(f"the reset of event {index}", _without_own_numbers(value, symbol, known), symbol)
         for symbol, value in resets
     ]
     check_dimensions(parts, known, statement.plain)
@@ -329,7 +329,7 @@ def with_scales(
                 f"that of the other terms: {_remedy(parts, dimensions, wrong.term)}"
             ) from None
     completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in dimensions.items()}
-    _check_found([dimension for dimension in dimensions.values() if dimension.unit], completed)
+    _check_inferred([dimension for dimension in dimensions.values() if dimension.unit], completed)
     return completed
 
 
@@ -385,15 +385,15 @@ def _factor(logarithm: float) -> str:
     return f"10**{logarithm / math.log(10):.0f}"
 
 
-def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) -> None:
+def _check_inferred(stated: Sequence[Dimension], inferred: Mapping[Any, Dimension]) -> None:
     """Raise StatementError for an inferred unit that is not a product of powers of the stated base units."""
     bases = _base_units(stated)
-    for symbol, dimension in found.items():
+    for symbol, dimension in inferred.items():
         factor = dimension.factor
         if dimension.unit or factor is None or not all(name in bases for name, _ in dimension.exponents):
             continue
         away, text = min(
-            ((factor - scale, text) for scale, text in _made(bases, dimension)), key=lambda one: abs(one[0])
+            ((factor - scale, text) for scale, text in _made(bases, dimension)), key=lambda candidate: abs(candidate[0])
         )
         if abs(away) > SAME_FACTOR:
             name = name_of(symbol) if isinstance(symbol, AppliedUndef) else symbol

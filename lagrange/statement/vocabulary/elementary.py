@@ -95,8 +95,8 @@ def _root(a: Any) -> Any:
 
 
 ELEMENTARY: Mapping[str, Elementary] = {
-    one.name: one
-    for one in (
+    function.name: function
+    for function in (
         Elementary("sin", derivative=lambda y, a: _call("cos")(a), odd=True, size="bounded", spread="periodic"),
         Elementary(
             "cos", derivative=lambda y, a: -_call("sin")(a), even=True, exact=(0, 1), size="bounded", spread="periodic"

@@ -25,7 +25,7 @@ class FunctionWord:
 WORDS: dict[str, FunctionWord] = {
     word.name: word
     for word in (
-        *(FunctionWord(one.name, one.symbolic, 1, 1) for one in ELEMENTARY.values()),
+        *(FunctionWord(function.name, function.symbolic, 1, 1) for function in ELEMENTARY.values()),
         FunctionWord("atan2", sympy.atan2, 2, 2),
         FunctionWord("sqrt", sympy.sqrt, 1, 1),
         FunctionWord("cot", sympy.cot, 1, 1),

@@ -47,7 +47,7 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Display:
 
 
 def test_the_last_state_is_shown_however_quick_the_work_was(display: Display) -> None:
-    with progress.progress_bar((2.0, 0.0), wanted=True) as report:
+    with progress.progress_bar((2.0, 0.0), enabled=True) as report:
         assert report is not None
         for k in range(1000):
             report(2.0 - k / 1000)
@@ -58,7 +58,7 @@ def test_the_last_state_is_shown_however_quick_the_work_was(display: Display) ->
 
 def test_work_that_raises_leaves_the_bar_where_it_was(display: Display) -> None:
     def work() -> None:
-        with progress.progress_bar((0.0, 4.0), wanted=True) as report:
+        with progress.progress_bar((0.0, 4.0), enabled=True) as report:
             assert report is not None
             report(1.0)
             raise KeyboardInterrupt
@@ -88,7 +88,7 @@ def test_each_picture_of_dynamics_shows_how_far_it_is(call: Any, last: str, disp
 
 
 def test_no_bar_is_shown_to_who_did_not_ask(display: Display) -> None:
-    with progress.progress_bar((0.0, 4.0), wanted=False) as report:
+    with progress.progress_bar((0.0, 4.0), enabled=False) as report:
         assert report is None
     assert display.shown == []
 
@@ -96,11 +96,11 @@ def test_no_bar_is_shown_to_who_did_not_ask(display: Display) -> None:
 def test_a_long_compilation_is_a_line_and_a_short_one_is_none(
     display: Display, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with progress.compiling("<b>", wanted=True):
+    with progress.compiling("<b>", enabled=True):
         time.sleep(0.0)
     assert display.shown == []
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
-    with progress.compiling("<b>", wanted=True):
+    with progress.compiling("<b>", enabled=True):
         time.sleep(0.2)
     assert repr(display.shown[-1]).startswith("compiled <b> in 0.") and "&lt;b&gt;" in display.shown[-1]._repr_html_()
 
