@@ -27,7 +27,7 @@ def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x, the kind is
     "operator". A subscript after a prime moves to its word.
     """
-    return _leibniz(_marked(_divided(tokens), NESTED), NESTED)
+    return _leibniz(_marked(tokens, NESTED), NESTED)
 
 
 def closing(tokens: Sequence[Token], start: int) -> int:
@@ -41,30 +41,6 @@ def closing(tokens: Sequence[Token], start: int) -> int:
             if depth == 0:
                 return i
     return len(tokens)
-
-
-def _divided(tokens: Sequence[Token]) -> list[Token]:
-    r"""Return the tokens with ({a}/{b}) for \frac{a}{b}; a command without two arguments is left out."""
-    opened, ends = list[int](), dict[int, int]()
-    for i, token in enumerate(tokens):
-        if token.is_sign(*OPENING):
-            opened.append(i)
-        elif token.is_sign(*OPENING.values()) and opened:
-            ends[opened.pop()] = i
-    marks, unclosed = [""] * (len(tokens) + 1), set(opened)
-    for i, token in enumerate(tokens):
-        middle = ends.get(i + 1, i + 1) + 1
-        after = ends.get(middle, middle) + 1
-        if token.kind == "fraction" and after <= len(tokens) and not {i + 1, middle} & unclosed:
-            for index, mark in ((i, "("), (middle, "/"), (after, ")")):
-                marks[index] += mark
-    divided: list[Token] = []
-    for i, token in enumerate([*tokens, *tokens[-1:]]):
-        last = tokens[i - 1].begin if i else 0
-        signs = [(mark, token.begin if mark == "(" else last) for mark in marks[i]]
-        divided += [Token("sign", mark, offset, offset) for mark, offset in signs]
-        divided += [token] if i < len(tokens) and token.kind != "fraction" else []
-    return divided
 
 
 def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
@@ -131,7 +107,7 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
     replaced: list[Token] = []
     i = 0
     while i < len(tokens):
-        match = _quotient(tokens, i) if tokens[i].text[0] in "d({" else None
+        match = _quotient(tokens, i) if tokens[i].text[0] in "d({\\" else None
         match = match or _call(tokens, i)
         if match is None:
             if (
@@ -156,9 +132,14 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
 # Order of a derivative, tokens of its operand (none if the operand follows), and the next index
 _Rate = tuple[int, list[Token], int]
 _POWER = r"(\^(?:\([0-9]+ \)|[0-9]+ ))?"
-_TOP = re.compile(rf"(\()?d(?:([0-9]?)([^\W\d]\S*) |([0-9]?) {_POWER})")
-_BOTTOM = [re.compile(rf"(?:\(t \))?{closed}/(\()?d ?t([0-9]?) {_POWER}(?(1)\){_POWER})") for closed in ("", r"\)")]
-"""Numerators such as d^2, dx and d2x, and what follows without and with a bracket around the numerator: (t)/dt^2.
+_TOP = re.compile(rf"(\\?\()?d(?:([0-9]?)([^\W\d]\S*) |([0-9]?) {_POWER})")
+_BOTTOM = {
+    begin: re.compile(rf"(?:\(t \))?{middle}(\()?d ?t([0-9]?) {_POWER}(?(1)\){end})")
+    for begin, middle, end in ((None, "/", _POWER), ("(", r"\)/", _POWER), (r"\(", r"\)", ""))
+}
+r"""Numerators such as d^2, dx and d2x, and what follows each begin of a numerator: (t)/dt^2.
+
+A numerator may begin with a bracket, or with \\frac and a bracket.
 
 The patterns match tokens as `_spelled` writes them.
 """
@@ -175,7 +156,7 @@ def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
         end = after if tokens[after].kind == "word" else closing(tokens, after)
         operand = list(tokens[after : end + 1])
         after += len(operand)
-    bottom, after = _match(_BOTTOM[bracket is not None], tokens, after)
+    bottom, after = _match(_BOTTOM[bracket], tokens, after)
     if bottom is None:
         return None
     orders = [(joined or digit, power), bottom.groups()[1:]]
@@ -191,9 +172,9 @@ def _match(pattern: re.Pattern[str], tokens: Sequence[Token], i: int) -> tuple[r
 
 
 def _spelled(token: Token) -> str:
-    """Return a token as `_quotient` reads it: round brackets for all, ^ before a superscript, a blank after words."""
+    r"""Return a token as `_quotient` reads it: round brackets, \ for \frac, ^ before powers, a blank after words."""
     if token.kind == "sign":
-        return {"{": "(", "}": ")"}.get(token.text, token.text)
+        return {"{": "(", "}": ")", "\\frac": "\\"}.get(token.text, token.text)
     return f"{'^' * (token.kind == 'power')}{token.text} " if token.kind in ("word", "number", "power") else "'"
 
 

@@ -287,7 +287,7 @@ class _Parser:
         if token is None:
             return False
         if token.kind == "sign":
-            return token.text in (*OPENING, "sqrt") or (token.text == "|" and not self.bars)
+            return token.text in (*OPENING, "sqrt", "\\frac") or (token.text == "|" and not self.bars)
         return token.kind in ("number", "rate", "operator", "symbol", "function", "e", "pi")
 
     def factor(self) -> Part:
@@ -341,6 +341,8 @@ class _Parser:
             return Part(token.text, PRODUCT if "/" in token.text else ATOM, number=True)
         if isinstance(token, _Symbol):
             return self.symbol(token)
+        if token.is_sign("\\frac"):
+            return _times(self.value(), self.value(), "/")
         if token.kind == "rate":
             return self.rate(self.value(), int(token.text), token.begin)
         if token.kind == "operator":
@@ -363,7 +365,7 @@ class _Parser:
     def operand(self) -> Part:
         """Read the operand of d/dt: a bracket or a product. Whether further factors belong to it is a choice."""
         begin = self.place
-        bracket = self.next_is("(", "[")
+        bracket = self.next_is("(", "[", "\\frac")
         part = self.value() if bracket else self.factor()
         if not (self.starts_value() or self.next_is("*", "/")) or self.choices.take("operand", 2) != bracket:
             return part
@@ -405,7 +407,7 @@ class _Parser:
             self.place += 1
             value = self.called(name, self.inside(opened, several=True))
         else:
-            value = self.called(name, [self.bare_argument(token)])
+            value = self.called(name, [self.value() if self.next_is("\\frac") else self.bare_argument(token)])
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
 
     def bare_argument(self, function: Token) -> Part:

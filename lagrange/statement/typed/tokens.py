@@ -57,7 +57,7 @@ class Token:
     """One piece of a formula: its kind, its meaning, and the part text[begin:end] that it was made from.
 
     Kinds: "word", "number", "sign", "power" (a superscript), "prime" (text is the order), "index" (a subscript that
-    follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "fraction", "fault" (text is a
+    follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "fault" (text is a
     sentence). `order` is the number of dots on the first letter of a word, `primes` that of primes after the word.
     `spaced` is true if a blank precedes the token.
     """
@@ -207,11 +207,13 @@ class _Scanner:
             sign = latex.COMMAND_SIGNS[name]
             return self._add("prime", "1", offset, after) if sign == "'" else self._add("sign", sign, offset, after)
         if name in latex.FRACTIONS:
-            after = self._add("fraction", name, offset, after)
+            after = self._add("sign", "\\frac", offset, after)
             for _ in range(2):
                 lone = _LONE.match(self.text, after)
-                kind = "number" if lone and lone.group(1).isdigit() else "word"
-                after = self._add(kind, lone.group(1), *lone.span(1)) if lone else after
+                if lone:
+                    self._add("sign", "{", *lone.span(1))
+                    self._add("number" if lone.group(1).isdigit() else "word", lone.group(1), *lone.span(1))
+                    after = self._add("sign", "}", *lone.span(1))
             return after
         if name in latex.DERIVATIVES:
             twice = self.text.startswith("[2]", after)  # \\dv[2]{x}{t}
