@@ -199,8 +199,8 @@ def compare_equations(
     """
     samples = motion_samples(statement, SAMPLES)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
-    understood = [pair for pair in likeliest if not pair[0].aside or pair[1].holds(samples)] or likeliest
-    equations, rows = [equation for equation, _ in understood], [row for _, row in understood]
+    rows = [row for row in likeliest if not row.equation.aside or row.holds(samples)] or likeliest
+    equations = [row.equation for row in rows]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
     pulling = any(not str(letter).startswith("lam") for letter in letters.values())
 
@@ -218,13 +218,13 @@ def compare_equations(
         remark = f" {slip}" if slip else ""
     label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
-    remark += "".join(f" {understood[i][0].note}" for i in told if understood[i][0].note)
+    remark += "".join(f" {equations[i].note}" for i in told if equations[i].note)
     shown = [i for i in told if equations[i].others]
-    remark += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
+    remark += f" Read as {listing(equations[i].read for i in shown[:MOST_READ])}." if shown else ""
     for multiplier, letter in letters.items():
         if not str(letter).startswith("lam") and letter not in statement.parameters:
             remark += f" {letter} is read as the force of the constraint {constraint_of(multiplier)}."
-    read = "\n".join(equation.read for equation, _ in understood)
+    read = "\n".join(equation.read for equation in equations)
     result = replace(result, wrong=tuple(dict.fromkeys(equations[i].place for i in result.wrong)))
     if len(result.message + remark) <= LONGEST_MESSAGE:
         return replace(result, message=result.message + remark, read=read)
@@ -236,15 +236,13 @@ def compare_equations(
     return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
 
-def _likeliest(
-    equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]
-) -> tuple[StudentEquation, EquationRow]:
+def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]) -> EquationRow:
     """Return the first reading of an equation that holds at all samples, or else its first linear reading, as a row.
 
     A reading may hold only after exact numbers replace its decimals. Then `note` has a sentence on these numbers. A
     reading that is not linear in the accelerations is skipped. Raises StatementError if no reading is linear.
     """
-    rows: list[tuple[StudentEquation, EquationRow]] = []
+    rows: list[EquationRow] = []
     refused: StatementError | None = None
     for reading in (equation, *equation.others):
         try:
@@ -253,33 +251,33 @@ def _likeliest(
             refused = refused or error
             continue
         if row.holds(samples):
-            return reading, row
-        rows.append((reading, row))
-    for reading, row in rows:
-        rate = _integrated(reading, row)
-        if rate is not None and rate[1].holds(samples):
+            return row
+        rows.append(row)
+    for row in rows:
+        rate = _integrated(row)
+        if rate is not None and rate.holds(samples):
             return rate
-        exact = with_exact_numbers(reading, row, samples)
+        exact = with_exact_numbers(row, samples)
         if exact is not None:
-            return exact, row_of(exact, statement)
+            return row_of(exact, statement)
     if rows:
         return rows[0]
     raise refused or StatementError(f"{equation.label} cannot be read.")
 
 
-def _integrated(equation: StudentEquation, row: EquationRow) -> tuple[StudentEquation, EquationRow] | None:
+def _integrated(row: EquationRow) -> EquationRow | None:
     """Return the time derivative of an equation between coordinates if constraints are on velocities; else None.
 
     Example: the constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
     """
-    statement = row.statement
+    statement, equation = row.statement, row.equation
     moving = [*list(statement.plain.values())[1::3], *row.slopes]
     velocity_constraints = [not constraint.holonomic for constraint in statement.constraints]
     if not any(velocity_constraints) or not all(velocity_constraints) or row.zero.has(*moving):
         return None
     note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
     rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
-    return (rate, row_of(rate, statement)) if rate.zero != 0 else None
+    return row_of(rate, statement) if rate.zero != 0 else None
 
 
 def _compared(
@@ -337,9 +335,10 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
     """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
-            without = StudentEquation(row.label, row.zero.xreplace({number: sympy.S.Zero}))
+            without = StudentEquation(row.equation.label, row.zero.xreplace({number: sympy.S.Zero}))
             if 0 < abs(number) < NEGLIGIBLE and row_of(without, row.statement).holds(samples):
-                return f"In {row.label} the number {abs(float(number)):.6g} makes no difference: leave its term out."
+                number_text = f"{abs(float(number)):.6g}"
+                return f"In {row.equation.label} the number {number_text} makes no difference: leave its term out."
     return ""
 
 
@@ -362,7 +361,7 @@ def _blamed(
     for index, (chosen, wrong) in enumerate(choices):
         if len(wrong) == fewest:
             row = rows[wrong[0]]
-            term = WrongTerm(f"{row.label[0].upper()}{row.label[1:]} does not hold. {budget.UNNAMED}")
+            term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {budget.UNNAMED}")
             with suppress(budget.BudgetSpent):
                 budget.check_size(*row.sides)
                 term = wrong_term(row, derivation, chosen, write)
@@ -438,7 +437,7 @@ def _refuted(
 ) -> EquationsComparison:
     """Return the result if the equations `wrong` do not hold; `named` is the sentence on the first wrong term."""
     if len(wrong) > 1:
-        others = listing(rows[i].label for i in wrong[1:])
+        others = listing(rows[i].equation.label for i in wrong[1:])
         named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
     row, example, details = rows[wrong[0]], dict[str, float](), ""
     for sample in samples:
@@ -458,7 +457,7 @@ def _counterexample(row: EquationRow, sample: MotionSample, difference: Any) -> 
     keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters), *(f"{name}_ddot" for name in names)]
     values = [*point.q, *point.v, point.t, *point.parameters.values(), *sample.accelerations]
     example = dict(zip(keys, map(float, values), strict=True))
-    end = f"the two sides of {row.label} differ by {float(difference):.5g}."
+    end = f"the two sides of {row.equation.label} differ by {float(difference):.5g}."
     if len(names) > MOST_LISTED:
         return example, f"At the state in .counterexample {end}"
     motion = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, sample.accelerations, strict=True))

@@ -210,8 +210,10 @@ class _Search:
         self.rates = [symbol for symbol, value in abbreviations(row.statement).items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
         self.moving = [*self.unknowns[: len(row.statement.names)], *self.rates]
-        derived = [term for p in row.differentiated for term in sympy.Add.make_args(along_motion(p, row.statement))]
-        typed = (*row.terms, (), ())[:2]
+        derived = [
+            term for p in row.equation.differentiated for term in sympy.Add.make_args(along_motion(p, row.statement))
+        ]
+        typed = (*row.equation.terms, (), ())[:2]
         self.derived = {*derived, *(-term for term in derived)}.difference(*typed)
         self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side], typed[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
@@ -431,7 +433,7 @@ class _Search:
         rest = 0 if difference.there == place.whole else place.whole - difference.there
         sides[place.side] = _with(sides[place.side], place.path, rest + difference.wanted)
         try:
-            equation = StudentEquation(self.row.label, sides[0] - sides[1], sides[1])
+            equation = StudentEquation(self.row.equation.label, sides[0] - sides[1], sides[1])
             return row_of(equation, self.row.statement)
         except StatementError:
             return None

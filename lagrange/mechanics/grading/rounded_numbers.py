@@ -24,15 +24,14 @@ LONGEST_ROUNDED = 400
 _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 
 
-def with_exact_numbers(
-    equation: StudentEquation, row: EquationRow, samples: Sequence[MotionSample]
-) -> StudentEquation | None:
+def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
     Its `note` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
     enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. For a product of decimals,
     which SymPy multiplies, the relative error is that of the most precise one.
     """
+    equation = row.equation
     decimals_typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
     if not decimals_typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
@@ -92,7 +91,7 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
-    slopes = [StudentEquation(row.label, sympy.diff(opened, name).xreplace(typed)) for name in typed]
+    slopes = [StudentEquation(row.equation.label, sympy.diff(opened, name).xreplace(typed)) for name in typed]
     columns = [[row_of(slope, row.statement).residual(sample)[0] for sample in samples] for slope in slopes]
     residuals = [row.residual(sample)[0] for sample in samples]
     for count in range(len(decimals), 0, -1):

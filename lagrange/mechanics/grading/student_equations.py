@@ -287,21 +287,22 @@ on doubles. A wrong term passes only if it is smaller than this at every state."
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
+    """A typed equation as a linear one: zero = rest + sum of slopes[z] * z over the unknowns z.
 
-    The unknowns are accelerations and multipliers. `sides` are the left and the right side as they were typed, with
-    symbols for the rates of rotations. `zero` is left minus right side. `differentiated` and `terms` are those of the
-    `StudentEquation`.
+    The unknowns are accelerations and multipliers. `zero` is left minus right side, without symbols for the rates of
+    rotations.
     """
 
     statement: Statement
-    label: str
+    equation: StudentEquation
     zero: Any
     slopes: Mapping[Any, Any]
     rest: Any
-    sides: tuple[Any, Any] = (sympy.S.Zero, sympy.S.Zero)
-    differentiated: tuple[Any, ...] = ()
-    terms: tuple[tuple[Any, ...], ...] = ()
+
+    @cached_property
+    def sides(self) -> tuple[Any, Any]:
+        """The left and the right side as they were typed, with symbols for the rates of rotations."""
+        return self.equation.zero + self.equation.right, self.equation.right
 
     @cached_property
     def _tape(self) -> Precise:
@@ -404,8 +405,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     zeros = dict.fromkeys(present, sympy.S.Zero)
     slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}
     rest = zero.xreplace(zeros)
-    sides = (equation.zero + equation.right, equation.right)
-    return EquationRow(statement, equation.label, zero, slopes, rest, sides, equation.differentiated, equation.terms)
+    return EquationRow(statement, equation, zero, slopes, rest)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

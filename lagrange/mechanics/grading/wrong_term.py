@@ -79,7 +79,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     Raises BudgetSpent if the time is up.
     """
     check_budget()
-    label = f"{row.label[0].upper()}{row.label[1:]}"
+    label = f"{row.equation.label[0].upper()}{row.equation.label[1:]}"
     constraints = row.statement.constraints
     part = _wrong_momentum(row, derivation, samples, write)
     if part:
@@ -263,7 +263,7 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 
 def _place_of(name: str, row: EquationRow) -> str:
     """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
-    return f"In {row.label}" + ("" if not name or name in row.label else f", that of {name},")
+    return f"In {row.equation.label}" + ("" if not name or name in row.equation.label else f", that of {name},")
 
 
 def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
@@ -294,7 +294,9 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
     with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
     ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
-    for typed, (name, p) in product(dict.fromkeys(row.differentiated), zip(statement.names, momenta, strict=False)):
+    for typed, (name, p) in product(
+        dict.fromkeys(row.equation.differentiated), zip(statement.names, momenta, strict=False)
+    ):
         check_budget()
         if p == 0 or p.count_ops() > LONGEST_SOLVED:
             continue
@@ -304,7 +306,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
         for constant, side in product(known, (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
             change = along_motion(expected - typed, statement)
-            if row_of(StudentEquation(row.label, row.zero + side * change), statement).holds(samples):
+            if row_of(StudentEquation(row.equation.label, row.zero + side * change), statement).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
     return ""
