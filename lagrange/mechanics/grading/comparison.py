@@ -335,8 +335,8 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
     """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
-            without = StudentEquation(row.equation.label, row.zero.xreplace({number: sympy.S.Zero}))
-            if 0 < abs(number) < NEGLIGIBLE and row_of(without, row.statement).holds(samples):
+            without = row.zero.xreplace({number: sympy.S.Zero})
+            if 0 < abs(number) < NEGLIGIBLE and row.with_zero(without).holds(samples):
                 number_text = f"{abs(float(number)):.6g}"
                 return f"In {row.equation.label} the number {number_text} makes no difference: leave its term out."
     return ""
@@ -444,21 +444,18 @@ def _refuted(
         with suppress(OutsideDomain):
             left, size = row.residual(sample)
             if abs(left) > HELD * size:
-                example, details = _counterexample(row, sample, left)
+                names, point, motion = row.statement.names, sample.point, sample.accelerations
+                keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters)]
+                keys += [f"{name}_ddot" for name in names]
+                values = (*point.q, *point.v, point.t, *point.parameters.values(), *motion)
+                example = dict(zip(keys, map(float, values), strict=True))
+                details = f"the two sides of {row.equation.label} differ by {float(left):.5g}."
+                if len(names) > MOST_LISTED:
+                    details = f"At the state in .counterexample {details}"
+                    break
+                rates = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, motion, strict=True))
+                details = f"At {point.describe(names, 5)} the motion has {rates}, and there {details}"
                 break
     return EquationsComparison(
         right=False, message=named, wrong=wrong, counterexample=MappingProxyType(example), details=details
     )
-
-
-def _counterexample(row: EquationRow, sample: MotionSample, difference: Any) -> tuple[dict[str, float], str]:
-    """Return the state of a sample by names, and a sentence on the `difference` of the sides of an equation there."""
-    names, point = row.statement.names, sample.point
-    keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters), *(f"{name}_ddot" for name in names)]
-    values = [*point.q, *point.v, point.t, *point.parameters.values(), *sample.accelerations]
-    example = dict(zip(keys, map(float, values), strict=True))
-    end = f"the two sides of {row.equation.label} differ by {float(difference):.5g}."
-    if len(names) > MOST_LISTED:
-        return example, f"At the state in .counterexample {end}"
-    motion = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, sample.accelerations, strict=True))
-    return example, f"At {point.describe(names, 5)} the motion has {motion}, and there {end}"

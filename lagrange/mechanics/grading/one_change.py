@@ -27,10 +27,8 @@ from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.grading.student_equations import (
     DIGITS,
     EquationRow,
-    StudentEquation,
     abbreviations,
     along_motion,
-    row_of,
     unknowns_of,
 )
 from lagrange.mechanics.grading.term_difference import (
@@ -433,8 +431,7 @@ class _Search:
         rest = 0 if difference.there == place.whole else place.whole - difference.there
         sides[place.side] = _with(sides[place.side], place.path, rest + difference.wanted)
         try:
-            equation = StudentEquation(self.row.equation.label, sides[0] - sides[1], sides[1])
-            return row_of(equation, self.row.statement)
+            return self.row.with_zero(sides[0] - sides[1], sides[1])
         except StatementError:
             return None
 

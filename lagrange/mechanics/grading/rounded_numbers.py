@@ -91,8 +91,8 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
-    slopes = [StudentEquation(row.equation.label, sympy.diff(opened, name).xreplace(typed)) for name in typed]
-    columns = [[row_of(slope, row.statement).residual(sample)[0] for sample in samples] for slope in slopes]
+    slopes = [row.with_zero(sympy.diff(opened, name).xreplace(typed)) for name in typed]
+    columns = [[slope.residual(sample)[0] for sample in samples] for slope in slopes]
     residuals = [row.residual(sample)[0] for sample in samples]
     for count in range(len(decimals), 0, -1):
         lines = [list(line) for line in zip(*columns[:count], strict=True)]

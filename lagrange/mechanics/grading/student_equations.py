@@ -23,8 +23,8 @@ from lagrange.statement.rotation import shorthands
 from lagrange.statement.scene.guard import LARGEST_EXPONENT
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.lines import parts_of_document
-from lagrange.statement.typed.names import canonical
-from lagrange.statement.typed.reader import TypedEquation, TypedReader
+from lagrange.statement.typed.names import RATES, canonical
+from lagrange.statement.typed.reader import Reading, TypedEquation, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
 
 MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
@@ -39,24 +39,16 @@ ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities
 
 
 @dataclass(frozen=True)
-class StudentEquation:
-    """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
+class StudentEquation(Reading):
+    """The reading of an equation of motion, in the plain symbols of `Statement.plain`.
 
     `label` names it in messages. `place` is the index of the equation in the answer; a chain a = b = c is one equation
-    in the answer and several here. `zero` is left minus right side, and `right` is the right side. `read` is the
-    text of the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
-    `terms` the other terms of each side if some are like terms. `letters` maps multipliers to the letters that were
-    typed for them. `others` are further readings of an ambiguous text. `note` is a sentence on why an equation counts
-    as right, such as for rounded decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need
-    not hold.
+    in the answer and several here. `letters` maps multipliers to the letters that were typed for them. `others` are
+    further readings of an ambiguous text. `note` is a sentence on why an equation counts as right, such as for rounded
+    decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need not hold.
     """
 
-    label: str
-    zero: Any
-    right: Any = sympy.S.Zero
-    read: str = ""
-    differentiated: tuple[Any, ...] = ()
-    terms: tuple[tuple[Any, ...], ...] = ()
+    label: str = ""
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
     note: str = ""
@@ -101,7 +93,9 @@ class _EquationReader:
         self.names = {symbol.name: symbol for symbol in self.plain.values()}
         self.names |= {p.name: p for p in statement.parameters}
         self.prescribed = dict(statement.prescribed)
-        self.names |= {_given_name(leaf): value for leaf, value in self.prescribed.items()}
+        for leaf, value in self.prescribed.items():  # a function of time X or its derivative: X_dot, X_ddot
+            order = len(leaf.variables) if isinstance(leaf, sympy.Derivative) else 0
+            self.names[name_of(leaf.expr if order else leaf) + RATES[order]] = value
         self.names |= {symbol.name: symbol for symbol in abbreviations(statement)}
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
@@ -109,18 +103,12 @@ class _EquationReader:
         self.spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in numbered}
         self.force = next(iter(multipliers)) if len(multipliers) == 1 else ""
         self.spellings |= dict.fromkeys(("lambda", "lam"), self.force) if self.force else {}
-        self.others = self.spellings | self._rates()
-
-    def _rates(self) -> dict[str, str]:
-        """Return {spelling: name} for spellings such as w1 or omega_x of rates, if there is a single rotation.
-
-        Letters that are symbols of the system are left out.
-        """
-        letters = [letter for letter in ("w", "omega", "Omega") if letter not in self.names]
-        (rotation,) = self.statement.rotations if len(self.statement.rotations) == 1 else ("",)
-        pairs = [pair for pair in (*zip("123", "xyz", strict=True), *zip("xyz", "xyz", strict=True)) if rotation]
-        spellings = {f"{letter}{k}": f"{rotation}_body_{axis}" for letter in letters for k, axis in pairs}
-        return {spelling: name for spelling, name in spellings.items() if spelling not in self.names}
+        # The rates of the only rotation may be spelled w1 or omega_x, unless that is a symbol of the system.
+        (rotation,) = statement.rotations if len(statement.rotations) == 1 else ("",)
+        letters = [letter for letter in ("w", "omega", "Omega") if rotation and letter not in self.names]
+        pairs = [*zip("123xyz", "xyzxyz", strict=True)]
+        rates = {f"{letter}{k}": f"{rotation}_body_{axis}" for letter in letters for k, axis in pairs}
+        self.others = self.spellings | {key: name for key, name in rates.items() if key not in self.names}
 
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
@@ -187,13 +175,15 @@ class _EquationReader:
             return [_equation(what, typed, letters, place) for typed in equations]
         if isinstance(answer, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in answer.args)
-            return [StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}", place=place)]
+            return [
+                StudentEquation(left - right, right, f"{spelled(left)} = {spelled(right)}", label=what, place=place)
+            ]
         if isinstance(answer, bool) or answer is sympy.true or answer is sympy.false:
             raise StatementError(f"{what} is {answer}: where == was meant, write sympy.Eq(left, right).")
         stated = expression(answer, what)
         try:
             zero = self.symbols(stated, what)
-            return [StudentEquation(what, zero, read=f"{spelled(zero)} = 0", place=place)]
+            return [StudentEquation(zero, read=f"{spelled(zero)} = 0", label=what, place=place)]
         except RecursionError:
             raise StatementError(
                 f"{what} is nested too deeply to be compared: multiply it out, or state it in parts."
@@ -249,17 +239,10 @@ def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], plac
     if typed.link:
         label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
     first, *others = (
-        StudentEquation(label, **vars(reading), letters=letters, aside=typed.aside, place=place)
+        StudentEquation(**vars(reading), label=label, letters=letters, aside=typed.aside, place=place)
         for reading in typed.readings
     )
     return replace(first, others=tuple(others))
-
-
-def _given_name(leaf: Any) -> str:
-    """Return the name of a function of time or of its derivative: X, X_dot, X_ddot."""
-    if not isinstance(leaf, sympy.Derivative):
-        return name_of(leaf)
-    return f"{name_of(leaf.expr)}_{'d' * len(leaf.variables)}ot"
 
 
 @lru_cache(maxsize=1)
@@ -303,6 +286,10 @@ class EquationRow:
     def sides(self) -> tuple[Any, Any]:
         """The left and the right side as they were typed, with symbols for the rates of rotations."""
         return self.equation.zero + self.equation.right, self.equation.right
+
+    def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
+        """Return the row of an equation with the same label and other sides. Raises StatementError, as `row_of`."""
+        return row_of(StudentEquation(zero, right, label=self.equation.label), self.statement)
 
     @cached_property
     def _tape(self) -> Precise:

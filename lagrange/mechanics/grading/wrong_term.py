@@ -246,7 +246,10 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
     slopes = row.leading(sample)
     along = values_at(tape([sympy.diff(row.zero, q) for q in plain[::3]], row.statement), sample) if still else slopes
     for constraint, line in zip(row.statement.constraints, sample.gradient, strict=False):
-        if not any(slopes[len(names) :]) and _parallel(along[: len(names)], line):
+        size = max(map(abs, along[: len(names)])) * max(map(abs, line))
+        pairs = combinations(zip(along, line, strict=False), 2)
+        parallel = size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
+        if parallel and not any(slopes[len(names) :]):
             return f"the constraint {constraint.name}"
     left = row.sides[0].as_coeff_Mul()[1]
     if left in unknowns[: len(names)] or (sample.first_order and left in plain[1::3]):
@@ -264,13 +267,6 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 def _place_of(name: str, row: EquationRow) -> str:
     """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
     return f"In {row.equation.label}" + ("" if not name or name in row.equation.label else f", that of {name},")
-
-
-def _parallel(left: Sequence[Any], right: Sequence[Any]) -> bool:
-    """Return True if two vectors that are not zero have the same or opposite directions."""
-    size = max(map(abs, left)) * max(map(abs, right))
-    pairs = combinations(zip(left, right, strict=True), 2)
-    return size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
 
 
 def _told_factor(factor: Any, write: Write) -> str:
@@ -306,7 +302,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
         for constant, side in product(known, (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
             change = along_motion(expected - typed, statement)
-            if row_of(StudentEquation(row.equation.label, row.zero + side * change), statement).holds(samples):
+            if row.with_zero(row.zero + side * change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
     return ""
@@ -332,7 +328,7 @@ def slip_of(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, alo
 
 def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> bool:
     try:
-        return all(row_of(StudentEquation("", zero), statement).holds(samples) for zero in zeros)
+        return all(row_of(StudentEquation(zero), statement).holds(samples) for zero in zeros)
     except StatementError:
         return False
 

@@ -44,10 +44,15 @@ class UnknownWord(TypedFault):
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
     """Return the faults that are found before parsing: characters, unknown words, impossible derivatives, brackets."""
-    faults = _bracket_faults(tokens)
+    faults, opened = list[TypedFault](), list[Token]()
     for token, following in zip_longest(tokens, tokens[1:]):
         name = repr(token.text[:60])
-        if token.kind == "fault":
+        if token.is_sign(*OPENING):
+            opened.append(token)
+        elif token.is_sign(*OPENING.values()):
+            if not opened or OPENING[opened.pop().text] != token.text:
+                faults.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
+        elif token.kind == "fault":
             faults.append(TypedFault(token.text, token.begin))
         elif token.kind == "index":
             faults.append(TypedFault("a subscript follows no symbol", token.begin))
@@ -60,6 +65,7 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
                 faults.append(UnknownWord(f"{name} is not a symbol of this system.{hint}", token.begin))
             elif not differentiated(readings, token, names):
                 faults.append(TypedFault(f"{name} has no derivative of this order here", token.begin))
+    faults += [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]
     return sorted(faults, key=lambda fault: fault.place)
 
 
@@ -79,21 +85,6 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
         if len(known) == len(changed):
             results.append(known)
     return results
-
-
-def _bracket_faults(tokens: Sequence[Token]) -> list[TypedFault]:
-    """Return the faults of unmatched brackets."""
-    faults, opened = [], []
-    for token in tokens:
-        if token.is_sign(*OPENING):
-            opened.append(token)
-        elif token.is_sign(*OPENING.values()):
-            if opened and OPENING[opened[-1].text] == token.text:
-                opened.pop()
-            else:
-                faults.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
-                opened = opened[:-1]
-    return faults + [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]
 
 
 @dataclass(frozen=True)
@@ -168,19 +159,6 @@ class Formula:
         return [term for term in terms if not any(name in term for name in self.rates)]
 
 
-def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
-    """Return one reading of a formula, according to `choices`. Raises TypedFault for tokens that are not a formula.
-
-    `taken` is the number of names for time derivatives that the other sides of the equation have.
-    """
-    parser = _Parser(_expanded(tokens, names, choices), choices, names, taken)
-    part = parser.sum()
-    if parser.place < len(parser.tokens):
-        token = parser.tokens[parser.place]
-        raise TypedFault(f"{token.text[:40]!r} cannot stand here", token.begin)
-    return Formula(part.text, parser.rates)
-
-
 @dataclass(frozen=True)
 class _Symbol(Token):
     """A token that is a symbol or a function of the system."""
@@ -188,9 +166,12 @@ class _Symbol(Token):
     piece: Piece = field(default_factory=lambda: Piece(""))
 
 
-def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[Token]:
-    """Return the tokens with every word replaced by the symbols of which it is a product."""
-    expanded: list[Token] = []
+def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
+    """Return one reading of a formula, according to `choices`. Raises TypedFault for tokens that are not a formula.
+
+    `taken` is the number of names for time derivatives that the other sides of the equation have.
+    """
+    expanded: list[Token] = []  # with the symbols of which a word is a product in place of the word
     for token in tokens:
         if token.kind != "word":
             expanded.append(token)
@@ -200,7 +181,12 @@ def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[T
         for k, piece in enumerate(pieces):
             spaced = token.spaced and k == 0
             expanded.append(_Symbol(piece.kind, piece.name, token.begin, token.end, spaced=spaced, piece=piece))
-    return expanded
+    parser = _Parser(expanded, choices, names, taken)
+    part = parser.sum()
+    if parser.place < len(parser.tokens):
+        token = parser.tokens[parser.place]
+        raise TypedFault(f"{token.text[:40]!r} cannot stand here", token.begin)
+    return Formula(part.text, parser.rates)
 
 
 class _Parser:

@@ -67,14 +67,14 @@ LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a 
 class Reading:
     """One reading of an equation: `zero`, the left minus the right side, and `right`, the right side.
 
-    `read` is the equation in the strict notation, with both sides. `differentiated` are the expressions whose time
-    derivative was typed, as in d/dt(m x'). `terms` are the other typed terms of each side, which SymPy adds to like
-    terms; () if there are no like terms.
+    `read` is the equation as it was understood, in the strict notation and with both sides. `differentiated` are the
+    expressions whose time derivative was typed, as in d/dt(m x'). `terms` are the other typed terms of each side, which
+    SymPy adds to like terms; () if there are no like terms.
     """
 
     zero: Any
-    right: Any
-    read: str
+    right: Any = sympy.S.Zero
+    read: str = ""
     differentiated: tuple[Any, ...] = ()
     terms: tuple[tuple[Any, ...], ...] = ()
 
