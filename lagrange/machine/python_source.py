@@ -128,8 +128,8 @@ class _PythonPrinter(SourcePrinter):
     def assign(self, target: str, text: str) -> str:
         return f"{target} = {text}"
 
-    def element(self, array: int, place: int) -> str:
-        return f"{self.text(array)}[{self.text(place)}]"
+    def element(self, array: int, index: int) -> str:
+        return f"{self.text(array)}[{self.text(index)}]"
 
     def reserve(self, ref: int, array: Array) -> None:
         kind = "reals" if array.kind is REAL else "wholes"
@@ -180,8 +180,8 @@ class _PythonPrinter(SourcePrinter):
     def partial_sums(self, ref: int) -> None:
         self.put(f"{self.name(ref)} = [0.0] * {PARTIAL}")
 
-    def partial(self, ref: int, place: str) -> str:
-        return f"{self.text(ref)}[{place}]"
+    def partial(self, ref: int, index: str) -> str:
+        return f"{self.text(ref)}[{index}]"
 
     def modulo(self, index: str) -> str:
         return f"{index} % {PARTIAL}"

@@ -52,18 +52,18 @@ class GivenFunction:
 class OpenBranches:
     """A branch statement under construction: its first block is complete, and its second can be added."""
 
-    def __init__(self, builder: Builder, place: int) -> None:
-        self._builder, self._place = builder, place
+    def __init__(self, builder: Builder, index: int) -> None:
+        self._builder, self._index = builder, index
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
         """Run the body if the condition did not hold."""
         with self._builder.block() as body:
             yield
-        statement = self._builder.current[self._place]
-        if not isinstance(statement, form.When) or self._place != len(self._builder.current) - 1:
+        statement = self._builder.current[self._index]
+        if not isinstance(statement, form.When) or self._index != len(self._builder.current) - 1:
             raise LagrangeError("`otherwise` stands right behind the block of its condition.")
-        self._builder.current[self._place] = form.When(
+        self._builder.current[self._index] = form.When(
             statement.condition, statement.then, tuple(body), likely=statement.likely
         )
 
@@ -92,8 +92,8 @@ class Builder:
         self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
     ) -> Memory:
         """Add a parameter that is an array, and return it. `form.Array` defines the options."""
-        found: Memory = self.given(name, Array(kind, size, read, room))
-        return found
+        memory: Memory = self.given(name, Array(kind, size, read, room))
+        return memory
 
     def record(self, name: str, record: Record) -> Any:
         """Add a parameter that is a record, and return it."""
@@ -121,12 +121,12 @@ class Builder:
             return self.entrywise(op, *args)
         kinds = [arg.kind for arg in args if isinstance(arg, Value)]
         kind = next((k for k in kinds if k is not FLAG), REAL)
-        found = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
-        result = result_kind(op, tuple(arg.kind for arg in found))
+        operands = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
+        result = result_kind(op, tuple(arg.kind for arg in operands))
         if result is None:
-            given = ", ".join(arg.kind for arg in found)
-            raise LagrangeError(f"procedure {self.name}: {op} takes no {given}.")
-        refs = tuple(arg.ref for arg in found)
+            operand_kinds = ", ".join(arg.kind for arg in operands)
+            raise LagrangeError(f"procedure {self.name}: {op} takes no {operand_kinds}.")
+        refs = tuple(arg.ref for arg in operands)
         return self.made(result, lambda ref: form.Let(ref, result, op, refs))
 
     def sine_cosine(self, angle: Any) -> tuple[Any, Any]:
@@ -138,29 +138,29 @@ class Builder:
     def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
         """Return a vector with the same value in every entry. A Python number gets the given kind."""
         first = value if isinstance(value, Value) else self.constant(value, kind)
-        found: Entries = self.permuted([first], (0,) * width)
-        return found
+        vector: Entries = self.permuted([first], (0,) * width)
+        return vector
 
-    def permuted(self, parts: Sequence[Any], places: Sequence[int]) -> Any:
+    def permuted(self, parts: Sequence[Any], indices: Sequence[int]) -> Any:
         """Return a vector of some entries of `parts`, which are vectors and single values.
 
-        The entries of all parts are numbered consecutively, and `places` are the numbers of the chosen entries. For one
-        place the result is a single value.
+        The entries of all parts are numbered consecutively, and `indices` are the numbers of the chosen entries. For
+        one index the result is a single value.
         """
         kind = parts[0].kind
-        if len(places) > 1:
-            vector, refs = Vector(kind, len(places)), tuple(one.ref for one in parts)
-            return self.made(vector, lambda ref: form.VectorLet(ref, vector, "permute", refs, tuple(places)))
-        known = [(one, k) for one in parts for k in range(one.width if isinstance(one, Entries) else 1)]
-        one, k = known[places[0]]
-        if not isinstance(one, Entries):
-            return one
-        return self.made(kind, lambda ref: form.Reduce(ref, kind, "entry", one.ref, k))
+        if len(indices) > 1:
+            vector, refs = Vector(kind, len(indices)), tuple(part.ref for part in parts)
+            return self.made(vector, lambda ref: form.VectorLet(ref, vector, "permute", refs, tuple(indices)))
+        known = [(part, k) for part in parts for k in range(part.width if isinstance(part, Entries) else 1)]
+        part, k = known[indices[0]]
+        if not isinstance(part, Entries):
+            return part
+        return self.made(kind, lambda ref: form.Reduce(ref, kind, "entry", part.ref, k))
 
     def entrywise(self, op: str, *args: Any) -> Entries:
         """Return the result of the operation `op` on vectors. Numbers and flags among the operands are broadcast."""
         vectors = [arg.vector for arg in args if isinstance(arg, Entries)]
-        kind = next((one.kind for one in vectors if one.kind is not FLAG), REAL)
+        kind = next((vector.kind for vector in vectors if vector.kind is not FLAG), REAL)
         width = vectors[0].width
         wide = [arg if isinstance(arg, Entries) else self.broadcast(arg, width, kind) for arg in args]
         result = result_kind(op, tuple(arg.vector.kind for arg in wide))
@@ -179,8 +179,8 @@ class Builder:
         for known in self._constants:
             if key in known:
                 return known[key]
-        found = self._constants[-1][key] = self.made(kind, lambda ref: form.Let(ref, kind, CONSTANT, (), data))
-        return found
+        number = self._constants[-1][key] = self.made(kind, lambda ref: form.Let(ref, kind, CONSTANT, (), data))
+        return number
 
     @property
     def true(self) -> Flag:
@@ -215,17 +215,17 @@ class Builder:
         """Convert a real, whole or flag to a real."""
         if isinstance(value, Real):
             return value
-        found = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
-        assert isinstance(found, Real)
-        return found
+        number = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
+        assert isinstance(number, Real)
+        return number
 
     def whole(self, value: Any) -> Whole:
         """Convert a real, whole or flag to a whole."""
         if isinstance(value, Whole):
             return value
-        found = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
-        assert isinstance(found, Whole)
-        return found
+        number = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
+        assert isinstance(number, Whole)
+        return number
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """Return a*b + c, rounded once."""
@@ -283,8 +283,8 @@ class Builder:
 
     def part(self, memory: Memory, start: Any) -> Memory:
         """Return the part of an array from index `start` on."""
-        place, ref = self.operand(start, WHOLE), self.unused()
-        self.add(form.Part(ref, memory.ref, place))
+        first, ref = self.operand(start, WHOLE), self.unused()
+        self.add(form.Part(ref, memory.ref, first))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
 
     def copy(
@@ -368,13 +368,15 @@ class Builder:
         """
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
-        other = None if factor is None else self.operand(factor, REAL)
-        self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), other))
+        second = None if factor is None else self.operand(factor, REAL)
+        self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), second))
         return Real(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
         """Call another procedure, and return its results: None, a value or a tuple of values."""
-        return self.call_function(callee, callee.numbers, tuple(one.type for one in callee.parameters), args)
+        return self.call_function(
+            callee, callee.numbers, tuple(parameter.type for parameter in callee.parameters), args
+        )
 
     def call_function(
         self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any
@@ -382,12 +384,12 @@ class Builder:
         """Call a procedure, or the function parameter with the id `callee`. `types` are those of its parameters."""
         if len(args) != len(types):
             raise LagrangeError(f"procedure {self.name}: a call gives {len(args)} arguments for {len(types)}.")
-        given = tuple(
+        operands = tuple(
             self.operand(arg, kind) if isinstance(kind, Kind) else arg.ref
             for arg, kind in zip(args, types, strict=True)
         )
         refs = tuple(self.unused() for _ in results)
-        self.add(form.Call(refs, callee, given))
+        self.add(form.Call(refs, callee, operands))
         values = tuple(VALUES[kind](self, ref) for kind, ref in zip(results, refs, strict=True))
         return values[0] if len(values) == 1 else values or None
 

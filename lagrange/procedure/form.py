@@ -73,7 +73,7 @@ class Record:
         """The ctypes class of the record. Fields of an instance are attributes; machine code gets its address."""
         types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
         if self.lanes > 1:
-            types = {kind: one * self.lanes for kind, one in types.items()}
+            types = {kind: ctype * self.lanes for kind, ctype in types.items()}
         return type(self.name, (ctypes.Structure,), {"_fields_": [(n, types[kind]) for n, kind in self.fields]})
 
 
@@ -450,16 +450,16 @@ class Procedure:
     @property
     def numbers(self) -> tuple[Kind, ...]:
         """The kinds of the results, for a procedure that returns no vectors."""
-        return tuple(one for one in self.results if isinstance(one, Kind))
+        return tuple(kind for kind in self.results if isinstance(kind, Kind))
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:
         """The transitive callees, each once and before its callers."""
-        found: dict[Procedure, None] = {}
+        procedures: dict[Procedure, None] = {}
         for call in calls(self.body):
             if isinstance(call.callee, Procedure):
-                found |= dict.fromkeys((*call.callee.callees, call.callee))
-        return tuple(found)
+                procedures |= dict.fromkeys((*call.callee.callees, call.callee))
+        return tuple(procedures)
 
 
 VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore, Scatter)

@@ -74,8 +74,8 @@ def _effect(statement: Statement, known: Environment) -> Results | None:
                 x, take = known[angle], OPERATIONS[op]
                 known[ref] = tuple(map(take, x)) if isinstance(x, tuple) else take(x)
         case form.VectorStore(array=array, place=place, value=value, mask=mask):
-            places = range(known[place], known[place] + len(known[value]))
-            _scatter(known[array], places, known[value], None if mask is None else known[mask])
+            adjacent = range(known[place], known[place] + len(known[value]))
+            _scatter(known[array], adjacent, known[value], None if mask is None else known[mask])
         case form.Scatter(array=array, places=indices, value=value, mask=mask):
             _scatter(known[array], known[indices], known[value], known[mask])
         case form.When(condition=condition, then=then, otherwise=otherwise):
@@ -88,11 +88,11 @@ def _effect(statement: Statement, known: Environment) -> Results | None:
         case form.Each():
             _each(statement, known)
         case form.Call(refs=refs, callee=callee, args=args):
-            given = [known[arg] for arg in args]
+            arguments = [known[arg] for arg in args]
             if isinstance(callee, Procedure):
-                results = run(callee, *given)
+                results = run(callee, *arguments)
             else:
-                returned = known[callee](*given)
+                returned = known[callee](*arguments)
                 results = returned if len(refs) > 1 else (returned,)[: len(refs)]
             known.update(zip(refs, results, strict=True))
         case form.Leave(values=values):
@@ -118,7 +118,7 @@ def _vector(let: form.VectorLet, known: Environment) -> tuple[Any, ...]:
     if let.op != "permute":
         return tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
     entries = [entry for arg in args for entry in (arg if isinstance(arg, tuple) else (arg,))]
-    return tuple(entries[place] for place in let.places)
+    return tuple(entries[index] for index in let.places)
 
 
 def _reduced(reduce: form.Reduce, known: Environment) -> Any:
@@ -137,14 +137,14 @@ def _gathered(load: form.VectorLoad | form.Gather, known: Environment) -> tuple[
     array, number, width = known[load.array], float if load.vector.kind is REAL else int, load.vector.width
     mask: Sequence[bool] = (True,) * width if load.mask is None else known[load.mask]
     first = 0 if isinstance(load, form.Gather) else known[load.place]
-    places = known[load.places] if isinstance(load, form.Gather) else range(first, first + width)
-    return tuple(number(array[place] if read else 0) for place, read in zip(places, mask, strict=True))
+    indices = known[load.places] if isinstance(load, form.Gather) else range(first, first + width)
+    return tuple(number(array[index] if read else 0) for index, read in zip(indices, mask, strict=True))
 
 
-def _scatter(array: Any, places: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:
-    for place, value, written in zip(places, entries, mask or (True,) * len(entries), strict=True):
+def _scatter(array: Any, indices: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:
+    for index, value, written in zip(indices, entries, mask or (True,) * len(entries), strict=True):
         if written:
-            array[place] = value
+            array[index] = value
 
 
 _VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
@@ -242,7 +242,7 @@ def fused(a: float, b: float, c: float) -> float:
 
 def _power(a: float, b: float) -> float:
     try:
-        found = math.pow(a, b)
+        power = math.pow(a, b)
     except OverflowError:
         odd = b == math.floor(b) and math.fmod(b, 2.0) != 0.0
         return -math.inf if a < 0 and odd else math.inf
@@ -251,7 +251,7 @@ def _power(a: float, b: float) -> float:
             odd = math.fmod(b, 2.0) in (1.0, -1.0)
             return math.copysign(math.inf, a) if odd else math.inf
         return math.nan
-    return found
+    return power
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:

@@ -97,17 +97,17 @@ class MemberStatements:
         self.out.append(form.VectorLet(ref, self.vector(kind), op, vectors))
         return ref
 
-    def loaded(self, array: int, place: int, kind: Kind) -> int:
-        """Return the id of a vector of adjacent entries of an array from index `place` on, one for each member."""
+    def loaded(self, array: int, index: int, kind: Kind) -> int:
+        """Return the id of a vector of adjacent entries of an array from an index on, one for each member."""
         ref = self.new(kind, wide=True)
-        self.out.append(form.VectorLoad(ref, self.vector(kind), array, place))
+        self.out.append(form.VectorLoad(ref, self.vector(kind), array, index))
         return ref
 
     def call(self, callee: Procedure, args: Sequence[int]) -> tuple[int, ...]:
         """Add a call of a procedure for all lanes, and return the ids of its results."""
         refs = []
-        for one in callee.results:
-            kind, wide = (one.kind, True) if isinstance(one, Vector) else (one, False)
+        for result in callee.results:
+            kind, wide = (result.kind, True) if isinstance(result, Vector) else (result, False)
             refs.append(self.new(kind, wide=wide))
         self.out.append(form.Call(tuple(refs), callee, tuple(args)))
         return tuple(refs)
@@ -142,12 +142,12 @@ class MemberStatements:
 
 def leaves(block: Block) -> bool:
     """Return True if a block contains a return from the procedure."""
-    return any(isinstance(one, form.Leave) for one in walk(block))
+    return any(isinstance(statement, form.Leave) for statement in walk(block))
 
 
 def is_cheap(when: form.When) -> bool:
     """Return True if computing both branches takes less time than testing whether any member takes each."""
     both = (*when.then, *when.otherwise)
-    operations = [one for one in both if isinstance(one, form.Let)]
-    others = all(isinstance(one, (form.Let, form.Get, form.Set, form.Note)) for one in both)
-    return others and len(operations) <= SHORT_BRANCH and all(one.op in CHEAP for one in operations)
+    operations = [statement for statement in both if isinstance(statement, form.Let)]
+    simple = all(isinstance(statement, (form.Let, form.Get, form.Set, form.Note)) for statement in both)
+    return simple and len(operations) <= SHORT_BRANCH and all(statement.op in CHEAP for statement in operations)

@@ -78,12 +78,14 @@ class MemberProcedures:
         first = p.constant(WHOLE, 0)
         parameters = [Parameter(p.new(), ACTIVE, Array(WHOLE, self.lanes, read=True))]
         args = [p.put("less", FLAG, first, p.loaded(parameters[0].ref, first, WHOLE))]
-        for one, given in zip(procedure.parameters, called.parameters[1:], strict=True):
-            kind = given.type
+        for parameter, lane_parameter in zip(procedure.parameters, called.parameters[1:], strict=True):
+            kind = lane_parameter.type
             kind = Array(kind.kind, self.lanes, read=True) if isinstance(kind, Vector) else kind
-            parameters.append(Parameter(p.new(), one.name, kind))
+            parameters.append(Parameter(p.new(), parameter.name, kind))
             ref = parameters[-1].ref
-            args.append(p.loaded(ref, first, given.type.kind) if isinstance(given.type, Vector) else ref)
+            args.append(
+                p.loaded(ref, first, lane_parameter.type.kind) if isinstance(lane_parameter.type, Vector) else ref
+            )
         for k, (ref, result) in enumerate(zip(p.call(called, args), procedure.numbers, strict=True)):
             parameters.append(Parameter(p.new(), f"result{k}", Array(REAL if result is REAL else WHOLE, self.lanes)))
             value = p.put("whole", WHOLE, ref) if result is FLAG else ref
@@ -116,8 +118,8 @@ class _Rewriter(Visitor, MemberStatements):
     def procedure_in_lanes(self, name: str) -> Procedure:
         """Return the rewritten procedure, which has the given name."""
         parameters = [Parameter(self.mask, "mask", self.vector(FLAG))]
-        for one, share in zip(self.procedure.parameters, self.signature, strict=True):
-            parameters += self.parameter(one, share)
+        for parameter, share in zip(self.procedure.parameters, self.signature, strict=True):
+            parameters += self.parameter(parameter, share)
         if self.spread.parting:
             self.alive = self.declared(self.mask)
             for kind in self.procedure.numbers:
@@ -125,29 +127,31 @@ class _Rewriter(Visitor, MemberStatements):
                 self.results.append(self.declared(self.wide(zero)))
         self.block(self.procedure.body)
         if self.open and self.procedure.results:
-            self.out.append(form.Leave(tuple(self.got(one) for one in self.results)))
+            self.out.append(form.Leave(tuple(self.got(variable) for variable in self.results)))
         pairs = zip(self.procedure.numbers, self.spread.results, strict=True)
-        results = tuple(of_width(kind, self.lanes if own else 1) for kind, own in pairs)
+        results = tuple(of_width(kind, self.lanes if differs else 1) for kind, differs in pairs)
         body, about = tuple(self.out), self.procedure.about
         return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.apart)
 
-    def parameter(self, one: Parameter, share: Share) -> list[Parameter]:
+    def parameter(self, parameter: Parameter, share: Share) -> list[Parameter]:
         """Return the new parameters for an old one. `share` says whether the argument differs between members."""
-        match one.type:
+        match parameter.type:
             case Callee() | Vector():
-                raise LagrangeError(f"procedure {self.procedure.name} has {one.name}, which is no number or memory.")
+                raise LagrangeError(
+                    f"procedure {self.procedure.name} has {parameter.name}, which is no number or memory."
+                )
             case Kind() as kind:
-                ref = self.values[one.ref] = self.new(kind, wide=share.own)
-                return [Parameter(ref, one.name, of_width(kind, self.lanes if share.own else 1))]
+                ref = self.values[parameter.ref] = self.new(kind, wide=share.own)
+                return [Parameter(ref, parameter.name, of_width(kind, self.lanes if share.own else 1))]
             case Record() as record:
-                held = self.hold(one.ref, record, share)
-                return [Parameter(held.ref, one.name, replace(record, lanes=self.lanes if share.own else 1))]
+                held = self.hold(parameter.ref, record, share)
+                return [Parameter(held.ref, parameter.name, replace(record, lanes=self.lanes if share.own else 1))]
             case Array() as array:
-                held = self.hold(one.ref, array, share)
+                held = self.hold(parameter.ref, array, share)
                 kept = Array(array.kind, None, array.read) if share.own else array
-                made = [Parameter(held.ref, one.name, kept)]
+                made = [Parameter(held.ref, parameter.name, kept)]
                 if held.apart is not None:
-                    made.append(Parameter(held.apart, f"{one.name}.places", self.vector(WHOLE)))
+                    made.append(Parameter(held.apart, f"{parameter.name}.places", self.vector(WHOLE)))
                 return made
 
     def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
@@ -242,50 +246,50 @@ class _Rewriter(Visitor, MemberStatements):
 
     # --- memory
 
-    def index(self, held: MemberMemory, place: int) -> int:
-        """Return the id of the index in the new memory for an old index `place` that is the same for all members."""
+    def index(self, held: MemberMemory, old_index: int) -> int:
+        """Return the id of the index in the new memory for an old index that is the same for all members."""
         if not held.own:
-            return place
-        known = self.constants.get(place)
+            return old_index
+        known = self.constants.get(old_index)
         if known is not None:
             return self.constant(WHOLE, int(known) * self.lanes)
-        return self.put("mul", WHOLE, place, self.constant(WHOLE, self.lanes))
+        return self.put("mul", WHOLE, old_index, self.constant(WHOLE, self.lanes))
 
-    def indices(self, held: MemberMemory, place: int) -> int:
-        """Return the id of a vector of indices in the new memory, one for each member, for an old index `place`."""
-        found = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
+    def indices(self, held: MemberMemory, old_index: int) -> int:
+        """Return the id of a vector of indices in the new memory, one for each member, for an old index."""
+        index = old_index if held.apart is None else self.put("add", WHOLE, held.apart, old_index)
         if not held.own:
-            return self.wide(found)
+            return self.wide(index)
         lanes = [self.constant(WHOLE, k) for k in range(self.lanes)]
         numbers = self.new(WHOLE, wide=True)
         self.out.append(form.VectorLet(numbers, self.vector(WHOLE), "permute", tuple(lanes), tuple(range(self.lanes))))
-        first = self.put("mul", WHOLE, self.wide(found), self.constant(WHOLE, self.lanes))
+        first = self.put("mul", WHOLE, self.wide(index), self.constant(WHOLE, self.lanes))
         return self.put("add", WHOLE, first, numbers)
 
-    def is_anywhere(self, array: int, place: int) -> bool:
-        """Return True if members may access an array at different indices. `place` is the old index."""
-        return self.memory[array].apart is not None or self.differs(place)
+    def is_anywhere(self, array: int, old_index: int) -> bool:
+        """Return True if members may access an array at different indices."""
+        return self.memory[array].apart is not None or self.differs(old_index)
 
     @visits(form.Load)
     def load(self, load: form.Load) -> None:
         """Rewrite the read of an array."""
-        held, place = self.memory[load.array], self.values[load.place]
+        held, index = self.memory[load.array], self.values[load.place]
         if self.is_anywhere(load.array, load.place):
-            ref, indices = self.new(load.kind, wide=True), self.indices(held, place)
+            ref, indices = self.new(load.kind, wide=True), self.indices(held, index)
             self.out.append(form.Gather(ref, self.vector(load.kind), held.ref, indices, self.mask))
         elif held.own:
-            ref = self.loaded(held.ref, self.index(held, place), load.kind)
+            ref = self.loaded(held.ref, self.index(held, index), load.kind)
         else:
             ref = self.new(load.kind)
-            self.out.append(form.Load(ref, load.kind, held.ref, place))
+            self.out.append(form.Load(ref, load.kind, held.ref, index))
         self.values[load.ref] = self.wide(ref) if self.differs(load.ref) else ref
 
     @visits(form.Store)
     def store(self, store: form.Store) -> None:
         """Rewrite the write of an array."""
-        held, place, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
+        held, index, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
         if self.is_anywhere(store.array, store.place):
-            self.out.append(form.Scatter(held.ref, self.indices(held, place), value, self.mask))
+            self.out.append(form.Scatter(held.ref, self.indices(held, index), value, self.mask))
             return
         if not held.own:
             raise LagrangeError(
@@ -293,7 +297,7 @@ class _Rewriter(Visitor, MemberStatements):
                 "give each member its own element."
             )
         mask = None if held.level == self.level else self.mask
-        self.out.append(form.VectorStore(held.ref, self.index(held, place), value, mask, all_there=mask is not None))
+        self.out.append(form.VectorStore(held.ref, self.index(held, index), value, mask, all_there=mask is not None))
 
     @visits(form.Read, form.Write)
     def field(self, statement: form.Read | form.Write) -> None:
@@ -313,25 +317,25 @@ class _Rewriter(Visitor, MemberStatements):
         self.out.append(form.Write(held.ref, statement.field, value))
 
     @visits(form.Reserve, form.ReserveRecord, form.Part)
-    def local(self, one: form.Reserve | form.ReserveRecord | form.Part) -> None:
+    def local(self, local: form.Reserve | form.ReserveRecord | form.Part) -> None:
         """Rewrite the allocation of local memory, or a part of an array."""
         ref = self.new()
-        match one:
+        match local:
             case form.Reserve(array=array):
-                self.types[one.ref], self.memory[one.ref] = array, MemberMemory(ref, own=True, level=self.level)
+                self.types[local.ref], self.memory[local.ref] = array, MemberMemory(ref, own=True, level=self.level)
                 room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
                 self.out.append(form.Reserve(ref, Array(array.kind, room)))
             case form.ReserveRecord(record=record):
-                self.types[one.ref], self.memory[one.ref] = record, MemberMemory(ref, own=True, level=self.level)
+                self.types[local.ref], self.memory[local.ref] = record, MemberMemory(ref, own=True, level=self.level)
                 self.out.append(form.ReserveRecord(ref, replace(record, lanes=self.lanes)))
             case form.Part(array=array, start=start):
-                self.types[one.ref], held, place = self.types[array], self.memory[array], self.values[start]
+                self.types[local.ref], held, offset = self.types[array], self.memory[array], self.values[start]
                 if self.is_anywhere(array, start):
-                    apart = place if held.apart is None else self.put("add", WHOLE, held.apart, place)
-                    self.memory[one.ref] = replace(held, apart=self.wide(apart))
+                    apart = offset if held.apart is None else self.put("add", WHOLE, held.apart, offset)
+                    self.memory[local.ref] = replace(held, apart=self.wide(apart))
                 else:
-                    self.memory[one.ref] = replace(held, ref=ref)
-                    self.out.append(form.Part(ref, held.ref, self.index(held, place)))
+                    self.memory[local.ref] = replace(held, ref=ref)
+                    self.out.append(form.Part(ref, held.ref, self.index(held, offset)))
 
     # --- calls, and the end
 
@@ -355,11 +359,11 @@ class _Rewriter(Visitor, MemberStatements):
     def leave(self, leave: form.Leave) -> None:
         """Rewrite a return for the members in the mask. The procedure returns once all members have returned."""
         pairs = zip(leave.values, self.spread.results, strict=True)
-        values = [self.value(ref, wide=own) for ref, own in pairs]
+        values = [self.value(ref, wide=differs) for ref, differs in pairs]
         if self.alive is not None:
             values = [
-                self.put("select", one.kind, self.mask, value, self.got(one))
-                for value, one in zip(values, self.results, strict=True)
+                self.put("select", state.kind, self.mask, value, self.got(state))
+                for value, state in zip(values, self.results, strict=True)
             ]
         if self.level == 0:
             self.out.append(form.Leave(tuple(values)))
@@ -430,12 +434,12 @@ class _Rewriter(Visitor, MemberStatements):
 
     def loop(self, loop: form.Loop) -> None:
         """Rewrite a loop over an index. It runs until it has ended for all members."""
-        own = self.differs(loop.start) or self.differs(loop.stop)
+        uneven = self.differs(loop.start) or self.differs(loop.stop)
         before = self.mask
         start, stop = self.value(loop.start, wide=self.differs(loop.place)), self.values[loop.stop]
-        if not own and self.present(before, loop) == before:
-            place = self.values[loop.place] = self.new(WHOLE)
-            self.out.append(form.Loop(place, start, stop, loop.step, self.inside(loop.body, before)))
+        if not uneven and self.present(before, loop) == before:
+            current = self.values[loop.place] = self.new(WHOLE)
+            self.out.append(form.Loop(current, start, stop, loop.step, self.inside(loop.body, before)))
             return
         index = self.declared(start)
 
@@ -443,12 +447,12 @@ class _Rewriter(Visitor, MemberStatements):
             return self.put("less", FLAG, self.got(index), stop)
 
         def body() -> None:
-            place = self.values[loop.place] = self.got(index)
+            current = self.values[loop.place] = self.got(index)
             self.block(loop.body)
             if self.open:
-                self.set(index, self.put("add", WHOLE, place, self.constant(WHOLE, loop.step)))
+                self.set(index, self.put("add", WHOLE, current, self.constant(WHOLE, loop.step)))
 
-        self.repeated(loop, goes_on, body, own=own)
+        self.repeated(loop, goes_on, body, uneven=uneven)
 
     def repeat(self, repeat: form.Repeat) -> None:
         """Rewrite a loop under a condition. It runs until the condition is false for all members."""
@@ -457,16 +461,16 @@ class _Rewriter(Visitor, MemberStatements):
             self.block(repeat.test)
             return self.values[repeat.condition]
 
-        self.repeated(repeat, goes_on, lambda: self.block(repeat.body), own=self.differs(repeat.condition))
+        self.repeated(repeat, goes_on, lambda: self.block(repeat.body), uneven=self.differs(repeat.condition))
 
-    def repeated(self, loop: Statement, goes_on: Callable[[], int], body: Callable[[], None], *, own: bool) -> None:
+    def repeated(self, loop: Statement, goes_on: Callable[[], int], body: Callable[[], None], *, uneven: bool) -> None:
         """Add a loop. `goes_on` adds the statements of its condition, and `body` those of its iterations.
 
-        `own` is true if members may end the loop at different iterations.
+        `uneven` is true if members may end the loop at different iterations.
         """
         before, outside = self.mask, self.out
-        inside = self.declared(before) if own else None
-        self.level += own
+        inside = self.declared(before) if uneven else None
+        self.level += uneven
         self.out = []
         self.mask = self.present(before if inside is None else self.got(inside), loop)
         condition = goes_on()
@@ -480,7 +484,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.mask = self.present(before, loop) if inside is None else self.got(inside)
         body()
         repeat = form.Repeat(test, condition, tuple(self.out))
-        self.level -= own
+        self.level -= uneven
         self.out = outside
         self.out.append(repeat)
 
@@ -488,7 +492,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     def each(self, each: form.Each) -> None:
         """Rewrite an `each` as a loop of single iterations, because the lanes hold members instead of iterations."""
-        own, iterations = self.differs(each.iterations), self.values[each.iterations]
+        uneven, iterations = self.differs(each.iterations), self.values[each.iterations]
         known = self.constants.get(iterations)
         sums: list[list[int]] = []
         for fold in each.folds:
@@ -500,72 +504,72 @@ class _Rewriter(Visitor, MemberStatements):
             for k in range(int(known)):
                 self.values[each.place] = self.constant(WHOLE, k)
                 self.block(each.body)
-                sums = [self.collected(fold, found) for fold, found in zip(each.folds, sums, strict=True)]
+                sums = [self.collected(fold, partial) for fold, partial in zip(each.folds, sums, strict=True)]
         else:
-            sums = self.looped(each, sums, own=own)
-        for fold, found in zip(each.folds, sums, strict=True):
-            self.values[fold.ref] = self.total(found, iterations)
+            sums = self.looped(each, sums, uneven=uneven)
+        for fold, partial in zip(each.folds, sums, strict=True):
+            self.values[fold.ref] = self.total(partial, iterations)
 
-    def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, own: bool) -> list[list[int]]:
+    def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, uneven: bool) -> list[list[int]]:
         """Rewrite the iterations as a loop from initial values `sums`; return the partial results of each reduction."""
-        partial = [[self.declared(one) for one in found] for found in sums]
+        partial = [[self.declared(value) for value in initial] for initial in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
 
-        def iteration(place: int) -> None:
-            self.values[each.place] = place
+        def iteration(current: int) -> None:
+            self.values[each.place] = current
             self.block(each.body)
             for fold, variables in zip(each.folds, partial, strict=True):
                 old = [self.got(variable) for variable in variables]
                 new = self.collected(fold, old)
-                if own:
+                if uneven:
                     pairs = zip(new, old, strict=True)
-                    new = [self.put("select", REAL, self.mask, one, other) for one, other in pairs]
-                for variable, one in zip(variables, new, strict=True):
-                    self.set(variable, one)
+                    new = [self.put("select", REAL, self.mask, value, former) for value, former in pairs]
+                for variable, value in zip(variables, new, strict=True):
+                    self.set(variable, value)
 
-        if own:
+        if uneven:
             index = self.declared(start)
 
             def body() -> None:
-                place = self.got(index)
-                iteration(place)
-                self.set(index, self.put("add", WHOLE, place, self.constant(WHOLE, 1)))
+                current = self.got(index)
+                iteration(current)
+                self.set(index, self.put("add", WHOLE, current, self.constant(WHOLE, 1)))
 
-            self.repeated(each, lambda: self.put("less", FLAG, self.got(index), stop), body, own=True)
+            self.repeated(each, lambda: self.put("less", FLAG, self.got(index), stop), body, uneven=True)
         else:
             outside, self.out = self.out, []
-            place = self.new(WHOLE)
-            iteration(place)
-            loop = form.Loop(place, start, stop, 1, tuple(self.out))
+            current = self.new(WHOLE)
+            iteration(current)
+            loop = form.Loop(current, start, stop, 1, tuple(self.out))
             self.out = outside
             self.out.append(loop)
         self.mask = before
         return [[self.got(variable) for variable in variables] for variables in partial]
 
-    def collected(self, fold: form.Fold, found: Sequence[int]) -> list[int]:
+    def collected(self, fold: form.Fold, partial: Sequence[int]) -> list[int]:
         """Return the partial results after one more value: the first one, with the value added, moves to the end."""
-        before, value = found[0], self.values[fold.value]
+        before, value = partial[0], self.values[fold.value]
         if fold.factor is not None:
             new = self.put("fma", REAL, value, self.values[fold.factor], before)
         elif fold.op == "most":
             new = self.put("select", REAL, self.put("less", FLAG, before, value), value, before)
         else:
             new = self.put(fold.op, REAL, before, value)
-        return [*found[1:], new]
+        return [*partial[1:], new]
 
-    def total(self, found: Sequence[int], iterations: int) -> int:
-        """Return the result of a reduction. Its partial results `found` were rotated once for each iteration."""
-        if len(found) == 1:
-            return found[0]
+    def total(self, partial: Sequence[int], iterations: int) -> int:
+        """Return the result of a reduction. Its partial results were rotated once for each iteration."""
+        if len(partial) == 1:
+            return partial[0]
         known = self.constants.get(iterations)
         if known is not None:
-            return self.summed(found, int(known) % 2)
+            return self.summed(partial, int(known) % 2)
         two = self.constant(WHOLE, 2)
         half = self.put("quotient", WHOLE, iterations, two)
         is_even = self.put("equal", FLAG, self.put("mul", WHOLE, half, two), iterations)
-        return self.put("select", REAL, is_even, self.summed(found, 0), self.summed(found, 1))
+        return self.put("select", REAL, is_even, self.summed(partial, 0), self.summed(partial, 1))
 
-    def summed(self, found: Sequence[int], odd: int) -> int:
+    def summed(self, partial: Sequence[int], odd: int) -> int:
         """Return the sum of four partial sums, first in pairs. `odd` is 1 after an odd number of iterations, else 0."""
-        a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
+        a, b, c, d = (*partial[-odd:], *partial[:-odd]) if odd else partial
         return self.put("add", REAL, self.put("add", REAL, a, b), self.put("add", REAL, c, d))

@@ -57,30 +57,36 @@ class _Binder:
         return self.known[key]
 
     def _made(self, procedure: Procedure, functions: Functions) -> Procedure:
-        given = {one.ref: functions[one.name] for one in procedure.parameters if one.name in functions}
-        body = self._block(procedure.body, given)
+        bound = {
+            parameter.ref: functions[parameter.name]
+            for parameter in procedure.parameters
+            if parameter.name in functions
+        }
+        body = self._block(procedure.body, bound)
         read = reads(body)
-        kept = tuple(one.ref in read and one.ref not in given for one in procedure.parameters)
-        for one, keep in zip(procedure.parameters, kept, strict=True):
-            if keep and isinstance(one.type, Callee):
-                raise LagrangeError(f"procedure {procedure.name} calls {one.name}, which is not given.")
-        parameters = tuple(one for one, keep in zip(procedure.parameters, kept, strict=True) if keep)
+        kept = tuple(parameter.ref in read and parameter.ref not in bound for parameter in procedure.parameters)
+        for parameter, keep in zip(procedure.parameters, kept, strict=True):
+            if keep and isinstance(parameter.type, Callee):
+                raise LagrangeError(f"procedure {procedure.name} calls {parameter.name}, which is not given.")
+        parameters = tuple(parameter for parameter, keep in zip(procedure.parameters, kept, strict=True) if keep)
         made = replace(procedure, name=self.prefix + procedure.name, parameters=parameters, body=body)
         verify(made)
         self.kept[made] = kept
         return made
 
-    def _block(self, block: Block, given: Mapping[int, Procedure]) -> Block:
+    def _block(self, block: Block, bound: Mapping[int, Procedure]) -> Block:
         return tuple(
-            self._call(one, given) if isinstance(one, form.Call) else rebuilt(one, lambda b: self._block(b, given))
-            for one in block
+            self._call(statement, bound)
+            if isinstance(statement, form.Call)
+            else rebuilt(statement, lambda b: self._block(b, bound))
+            for statement in block
         )
 
-    def _call(self, call: form.Call, given: Mapping[int, Procedure]) -> form.Call:
+    def _call(self, call: form.Call, bound: Mapping[int, Procedure]) -> form.Call:
         if not isinstance(call.callee, Procedure):
-            return call._replace(callee=given.get(call.callee, call.callee))
+            return call._replace(callee=bound.get(call.callee, call.callee))
         pairs = tuple(zip(call.callee.parameters, call.args, strict=True))
-        functions = tuple(sorted((one.name, given[arg]) for one, arg in pairs if arg in given))
+        functions = tuple(sorted((parameter.name, bound[arg]) for parameter, arg in pairs if arg in bound))
         made = self.bound(call.callee, functions)
         args = tuple(arg for arg, keep in zip(call.args, self.kept[made], strict=True) if keep)
         return call._replace(callee=made, args=args)
@@ -99,8 +105,8 @@ class Pruner:
             while got != before:
                 body = _Pass(self, got).block(body)
                 before, got = got, _variables_read(body)
-            found = self.known[procedure] = replace(procedure, body=body)
-            self.known[found] = found
+            result = self.known[procedure] = replace(procedure, body=body)
+            self.known[result] = result
         return self.known[procedure]
 
 
@@ -147,7 +153,7 @@ class _Pass:
 
 def _variables_read(block: Block) -> frozenset[int]:
     """Return the ids of the variables that the statements of a block read."""
-    return frozenset(one.variable for one in walk(block) if isinstance(one, form.Get))
+    return frozenset(statement.variable for statement in walk(block) if isinstance(statement, form.Get))
 
 
 def unpacked(procedure: Procedure) -> Procedure:
@@ -156,10 +162,14 @@ def unpacked(procedure: Procedure) -> Procedure:
     Callees keep their vectors; their printers unpack them.
     """
     statements = list(walk(procedure.body))
-    if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
+    if not any(isinstance(statement, VECTOR_STATEMENTS) for statement in statements):
         return procedure
     refs = [parameter.ref for parameter in procedure.parameters]
-    refs += [ref for one in statements for ref in ((one.ref,) if isinstance(one, form.Declare) else defined(one))]
+    refs += [
+        ref
+        for statement in statements
+        for ref in ((statement.ref,) if isinstance(statement, form.Declare) else defined(statement))
+    ]
     return replace(procedure, body=_Unpacker(max(refs) + 1).block(procedure.body))
 
 
@@ -180,20 +190,24 @@ class _Unpacker:
             statement = renamed(statement, self.same)
             match statement:
                 case form.SineCosine(angle=angle) if angle in self.entries:
-                    pairs = [form.SineCosine(next(self.unused), next(self.unused), one) for one in self.entries[angle]]
+                    pairs = [
+                        form.SineCosine(next(self.unused), next(self.unused), entry) for entry in self.entries[angle]
+                    ]
                     self.out += pairs
                     self.entries[statement.sine] = tuple(pair.sine for pair in pairs)
                     self.entries[statement.cosine] = tuple(pair.cosine for pair in pairs)
                 case form.Declare(ref=ref, kind=Vector(kind=kind)):
                     first, self.entries[ref] = self.entries[statement.value], self.numbers(statement.kind)
-                    self.out += [form.Declare(one, kind, x) for one, x in zip(self.entries[ref], first, strict=True)]
+                    self.out += [
+                        form.Declare(entry, kind, x) for entry, x in zip(self.entries[ref], first, strict=True)
+                    ]
                 case form.Get(ref=ref, kind=Vector(kind=kind)):
                     self.entries[ref] = self.numbers(statement.kind)
                     pairs_of = zip(self.entries[ref], self.entries[statement.variable], strict=True)
-                    self.out += [form.Get(one, kind, variable) for one, variable in pairs_of]
+                    self.out += [form.Get(entry, kind, variable) for entry, variable in pairs_of]
                 case form.Set(variable=variable, value=value) if value in self.entries:
                     pairs_of = zip(self.entries[variable], self.entries[value], strict=True)
-                    self.out += [form.Set(one, x) for one, x in pairs_of]
+                    self.out += [form.Set(entry, x) for entry, x in pairs_of]
                 case form.VectorLet():
                     self.entries[statement.ref] = self.vector(statement)
                 case form.Reduce(op="entry"):
@@ -201,16 +215,16 @@ class _Unpacker:
                 case form.Reduce():
                     self.reduce(statement)
                 case form.VectorLoad(vector=vector, place=place, mask=mask):
-                    places = self.side_by_side(place, vector.width)
+                    indices = self.side_by_side(place, vector.width)
                     flags = None if mask is None else self.entries[mask]
-                    self.entries[statement.ref] = self.loaded(statement, places, flags)
-                case form.Gather(places=wanted, mask=mask):
+                    self.entries[statement.ref] = self.loaded(statement, indices, flags)
+                case form.Gather(places=chosen, mask=mask):
                     flags = None if mask is None else self.entries[mask]
-                    self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], flags)
+                    self.entries[statement.ref] = self.loaded(statement, self.entries[chosen], flags)
                 case form.VectorStore(place=place, value=value):
                     self.store(statement, self.side_by_side(place, len(self.entries[value])))
-                case form.Scatter(places=wanted):
-                    self.store(statement, self.entries[wanted])
+                case form.Scatter(places=chosen):
+                    self.store(statement, self.entries[chosen])
                 case _:
                     self.out.append(rebuilt(statement, self.block))
         made, self.out = tuple(self.out), outside
@@ -231,7 +245,7 @@ class _Unpacker:
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
         if let.op == "permute":
             entries = [entry for arg in args for entry in arg]
-            return tuple(entries[place] for place in let.places)
+            return tuple(entries[index] for index in let.places)
         return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
 
     def reduce(self, reduce: form.Reduce) -> None:
@@ -244,23 +258,23 @@ class _Unpacker:
             self.out += [form.Let(ref, reduce.kind, op, (a, b)) for ref, a, b in pairs]
             left = refs
 
-    def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
-        """Return the ids of `width` successive indices, beginning with `place`."""
+    def side_by_side(self, first: int, width: int) -> tuple[int, ...]:
+        """Return the ids of `width` successive indices, beginning with `first`."""
         steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
-        return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
+        return first, *(self.let(WHOLE, "add", (first, step)) for step in steps)
 
     def loaded(
-        self, load: form.VectorLoad | form.Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
+        self, load: form.VectorLoad | form.Gather, indices: tuple[int, ...], flags: tuple[int, ...] | None
     ) -> tuple[int, ...]:
-        """Add the reads of an array at the indices `places`, and return the ids of the results.
+        """Add the reads of an array at the indices, and return the ids of the results.
 
         Where a flag is false, the result is zero and memory is not read. `flags` is None without a mask.
         """
         kind, refs = load.vector.kind, []
-        for k, place in enumerate(places):
+        for k, index in enumerate(indices):
             ref = next(self.unused)
             refs.append(ref)
-            read = form.Load(ref, kind, load.array, place)
+            read = form.Load(ref, kind, load.array, index)
             if flags is None:
                 self.out.append(read)
                 continue
@@ -270,8 +284,8 @@ class _Unpacker:
             self.out += [form.Declare(variable, kind, zero), form.When(flags[k], then), form.Get(ref, kind, variable)]
         return tuple(refs)
 
-    def store(self, store: form.VectorStore | form.Scatter, places: tuple[int, ...]) -> None:
-        """Add the writes of a vector's entries to an array at the indices `places`, under the mask of the statement."""
-        for k, (place, value) in enumerate(zip(places, self.entries[store.value], strict=True)):
-            written = form.Store(store.array, place, value)
+    def store(self, store: form.VectorStore | form.Scatter, indices: tuple[int, ...]) -> None:
+        """Add the writes of a vector's entries to an array at the indices, under the mask of the statement."""
+        for k, (index, value) in enumerate(zip(indices, self.entries[store.value], strict=True)):
+            written = form.Store(store.array, index, value)
             self.out.append(written if store.mask is None else form.When(self.entries[store.mask][k], (written,)))

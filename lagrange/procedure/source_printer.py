@@ -50,10 +50,11 @@ class SourcePrinter(Visitor, Syntax):
         """The text of each value, and its binding strength."""
         self.types: dict[int, Type] = {}
         """The types of arrays, records and functions, and the kinds of values."""
-        own = [one.name for one in procedure.parameters]
+        parameter_names = [parameter.name for parameter in procedure.parameters]
         called = (self.function_name(callee) for callee in procedure.callees)
+        reserved = (word for word in taken if word not in parameter_names)
         self.taken: dict[str, None] = dict.fromkeys(
-            map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *(one for one in taken if one not in own)))
+            map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *reserved))
         )
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
@@ -86,20 +87,20 @@ class SourcePrinter(Visitor, Syntax):
 
         `stem` is the preferred beginning of the name.
         """
-        wanted = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
-        plain, count = wanted.strip("_"), 1
-        while self.key(wanted) in self.taken:
+        name = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
+        plain, count = name.strip("_"), 1
+        while self.key(name) in self.taken:
             tail = f"{'_' * plain[-1:].isdigit()}{ref}{f'_{count}' * (count > 1)}"
-            wanted, count = self.legal(plain[: self.longest - len(tail)] + tail), count + 1
-        self.taken[self.key(wanted)] = None
-        self.texts[ref] = ATOM, wanted
-        return wanted
+            name, count = self.legal(plain[: self.longest - len(tail)] + tail), count + 1
+        self.taken[self.key(name)] = None
+        self.texts[ref] = ATOM, name
+        return name
 
     @cached_property
     def unused(self) -> list[Parameter]:
         """The parameters that the procedure does not read."""
         read = reads(self.procedure.body)
-        return [one for one in self.procedure.parameters if one.ref not in read]
+        return [parameter for parameter in self.procedure.parameters if parameter.ref not in read]
 
     def key(self, name: str) -> str:
         """Return the form of a name by which the language compares names, for example in lower case."""
@@ -124,21 +125,21 @@ class SourcePrinter(Visitor, Syntax):
 
     def kind(self, ref: int) -> Kind:
         """Return the kind of the value with the id `ref`."""
-        found = self.types[ref]
-        assert isinstance(found, Kind)
-        return found
+        kind = self.types[ref]
+        assert isinstance(kind, Kind)
+        return kind
 
     def array(self, ref: int) -> Array:
         """Return the type of the array with the id `ref`."""
-        found = self.types[ref]
-        assert isinstance(found, Array)
-        return found
+        array = self.types[ref]
+        assert isinstance(array, Array)
+        return array
 
     def text(self, ref: int, least: int = 0) -> str:
         """Return the text of a value as an operand, in parentheses if its binding strength is below `least`."""
         self.waiting.pop(ref, None)
-        level, found = self.texts[ref]
-        return found if level >= least else f"({found})"
+        level, text = self.texts[ref]
+        return text if level >= least else f"({text})"
 
     def block(self, block: Block) -> None:
         """Print statements."""
@@ -163,15 +164,15 @@ class SourcePrinter(Visitor, Syntax):
         self.let(form.Let(pair.cosine, REAL, "cos", (pair.angle,)))
 
     @visits(form.Reserve, form.ReserveRecord)
-    def local_memory(self, one: form.Reserve | form.ReserveRecord) -> None:
+    def local_memory(self, statement: form.Reserve | form.ReserveRecord) -> None:
         """Print the declaration of a local array or record."""
         self.settle()
-        if isinstance(one, form.Reserve):
-            self.types[one.ref] = one.array
-            self.reserve(one.ref, one.array)
+        if isinstance(statement, form.Reserve):
+            self.types[statement.ref] = statement.array
+            self.reserve(statement.ref, statement.array)
         else:
-            self.types[one.ref] = one.record
-            self.reserve_record(one.ref, one.record)
+            self.types[statement.ref] = statement.record
+            self.reserve_record(statement.ref, statement.record)
 
     @visits(form.Part)
     def part_of(self, part: form.Part) -> None:
@@ -295,13 +296,13 @@ class SourcePrinter(Visitor, Syntax):
         self.inside(body)
         self.put(self.closing("while"))
 
-    def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[form.Fold]) -> None:
+    def iterations(self, index: int, bounds: tuple[str, str, str], body: Block, folds: Sequence[form.Fold]) -> None:
         """Print a loop over an index, with the reductions `folds`.
 
-        `places` are the first index, the bound, and the step.
+        `bounds` are the first index, the bound, and the step.
         """
         self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
-        self.write(self.opening("for", INDICES[self.loops], *places))
+        self.write(self.opening("for", INDICES[self.loops], *bounds))
         self.loops += 1
         self.inside(body)
         self.depth += 1
@@ -368,6 +369,6 @@ def results_of(printer: SourcePrinter, call: form.Call) -> tuple[Kind, ...]:
     """Return the kinds of the results of a call."""
     if isinstance(call.callee, Procedure):
         return call.callee.numbers
-    found = printer.types[call.callee]
-    assert isinstance(found, Callee)
-    return found.results
+    callee = printer.types[call.callee]
+    assert isinstance(callee, Callee)
+    return callee.results

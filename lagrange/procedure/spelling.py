@@ -30,7 +30,7 @@ class Operator(NamedTuple):
         `operand(arg, least)` returns the text of an operand, in parentheses if its binding strength is below `least`.
         """
         least = self.operands or (0,) * len(args)
-        return self.text.format(*(operand(arg, one) for arg, one in zip(args, least, strict=True)))
+        return self.text.format(*(operand(arg, strength) for arg, strength in zip(args, least, strict=True)))
 
 
 def call(text: str) -> Operator:
@@ -142,8 +142,8 @@ class Syntax(ABC):
         """Return the statement that assigns the text of a value to a target."""
 
     @abstractmethod
-    def element(self, array: int, place: int) -> str:
-        """Return the text of the element at an index of an array. `array` and `place` are ids."""
+    def element(self, array: int, index: int) -> str:
+        """Return the text of the element at an index of an array. `array` and `index` are ids."""
 
     @abstractmethod
     def reserve(self, ref: int, array: Array) -> None:
@@ -194,10 +194,10 @@ class Syntax(ABC):
         return ""
 
     @abstractmethod
-    def partial(self, ref: int, place: str) -> str:
+    def partial(self, ref: int, index: str) -> str:
         """Return the text of a partial sum of the reduction with the id `ref`.
 
-        `place` is the text of its index, 0 to 3.
+        `index` is the text of its index, 0 to 3.
         """
 
     @abstractmethod

@@ -32,16 +32,16 @@ COMMON, OWN = Share(own=False), Share(own=True)
 Signature = tuple[Share, ...]
 
 
-def signature_of(call: form.Call, own: Container[int], apart: Container[int]) -> Signature:
+def signature_of(call: form.Call, differing: Container[int], apart: Container[int]) -> Signature:
     """Return the `Share` of each argument of a call.
 
-    `own` has the ids of values that differ between members, `apart` the ids of arrays whose parts begin at different
-    indices.
+    `differing` has the ids of values that differ between members, `apart` the ids of arrays whose parts begin at
+    different indices.
     """
     assert isinstance(call.callee, Procedure)
     return tuple(
-        Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
-        for one, arg in zip(call.callee.parameters, call.args, strict=True)
+        Share(arg in differing, not isinstance(parameter.type, Kind) and arg in apart)
+        for parameter, arg in zip(call.callee.parameters, call.args, strict=True)
     )
 
 
@@ -89,7 +89,7 @@ class _SpreadSearch:
         self.parting = False
         self.results = [False] * len(procedure.results)
         for parameter, share in zip(procedure.parameters, signature, strict=True):
-            self.mark(parameter.ref, own=share.own, apart=share.apart)
+            self.mark(parameter.ref, differs=share.own, apart=share.apart)
             if isinstance(parameter.type, Array) and not parameter.type.read:
                 self.written.add(parameter.ref)
 
@@ -99,12 +99,12 @@ class _SpreadSearch:
         # The counts of ids and results that differ grow until the iteration ends.
         while before != (before := (len(self.own), len(self.apart), self.parting, sum(self.results))):
             self.block(self.procedure.body, parted=False)
-        results = tuple(self.parting or own for own in self.results)
+        results = tuple(self.parting or differs for differs in self.results)
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
-    def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
-        """Record that a value differs between members (`own`), or that array parts begin at different indices."""
-        if own:
+    def mark(self, ref: int, *, differs: bool, apart: bool = False) -> None:
+        """Record that a value differs between members, or that array parts begin at different indices."""
+        if differs:
             self.own.add(ref)
         if apart:
             self.apart.add(ref)
@@ -119,41 +119,41 @@ class _SpreadSearch:
         match statement:
             case form.Load(ref=ref, array=array, place=place):
                 common = self.own.isdisjoint((array, place)) and array not in self.apart and array not in self.written
-                self.mark(ref, own=not common)
+                self.mark(ref, differs=not common)
             case form.Reserve(ref=ref) | form.ReserveRecord(ref=ref):
-                self.mark(ref, own=True)
+                self.mark(ref, differs=True)
             case form.Part(ref=ref, array=array, start=start):
-                self.mark(ref, own=array in self.own, apart=array in self.apart or start in self.own)
+                self.mark(ref, differs=array in self.own, apart=array in self.apart or start in self.own)
                 if array in self.written:
                     self.written.add(ref)
             case form.Declare(ref=ref, value=value) | form.Get(ref=ref, variable=value):
-                self.mark(ref, own=value in self.own)
+                self.mark(ref, differs=value in self.own)
             case form.Set(variable=variable, value=value):
-                self.mark(variable, own=parted or value in self.own)
+                self.mark(variable, differs=parted or value in self.own)
             case form.Leave(values=values):
                 self.parting |= parted
-                self.results = [own or ref in self.own for own, ref in zip(self.results, values, strict=True)]
+                self.results = [differs or ref in self.own for differs, ref in zip(self.results, values, strict=True)]
             case form.When(condition=condition) | form.Repeat(condition=condition):
                 for body in inner(statement):
                     self.block(body, parted=parted or condition in self.own)
             case form.Loop(place=place, start=start, stop=stop, body=body):
-                self.mark(place, own=start in self.own)
+                self.mark(place, differs=start in self.own)
                 self.block(body, parted=parted or not self.own.isdisjoint((start, stop)))
             case form.Each(iterations=count, body=body, folds=folds):
                 self.block(body, parted=parted or count in self.own)
                 for fold in folds:
-                    self.mark(fold.ref, own=not self.own.isdisjoint((count, fold.value, fold.factor)))
+                    self.mark(fold.ref, differs=not self.own.isdisjoint((count, fold.value, fold.factor)))
             case form.Call():
                 self.call(statement)
             case _:
                 # An operation: its results differ if an operand does. Other statements define nothing.
                 for ref in defined(statement):
-                    self.mark(ref, own=not self.own.isdisjoint(operands(statement)))
+                    self.mark(ref, differs=not self.own.isdisjoint(operands(statement)))
 
     def call(self, call: form.Call) -> None:
         """Record which results of a call differ between members."""
         if not isinstance(call.callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
-        found = spread_of(call.callee, signature_of(call, self.own, self.apart), self.spreads)
-        for ref, own in zip(call.refs, found.results, strict=True):
-            self.mark(ref, own=own)
+        spread = spread_of(call.callee, signature_of(call, self.own, self.apart), self.spreads)
+        for ref, differs in zip(call.refs, spread.results, strict=True):
+            self.mark(ref, differs=differs)

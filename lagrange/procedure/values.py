@@ -110,9 +110,9 @@ class Entries:
         """Return the vector of flags that are true where both entries are equal. A flag is false if an entry is NaN."""
         return self.builder.entrywise("equal", self, other)
 
-    def permuted(self, *places: int) -> Any:
-        """Return the vector of the entries at the indices `places`. For one index, return the single entry."""
-        return self.builder.permuted([self], places)
+    def permuted(self, *indices: int) -> Any:
+        """Return the vector of the entries at the indices. For one index, return the single entry."""
+        return self.builder.permuted([self], indices)
 
     @property
     def sum(self) -> Any:
@@ -149,32 +149,32 @@ class Memory:
         self.builder, self.ref, self.array = builder, ref, array
 
     def __getitem__(self, index: Any) -> Any:
-        place, kind = self.builder.operand(index, WHOLE), self.array.kind
-        return self.builder.made(kind, lambda ref: form.Load(ref, kind, self.ref, place))
+        index_ref, kind = self.builder.operand(index, WHOLE), self.array.kind
+        return self.builder.made(kind, lambda ref: form.Load(ref, kind, self.ref, index_ref))
 
     def __setitem__(self, index: Any, value: Any) -> None:
-        place = self.builder.operand(index, WHOLE)
-        self.builder.add(form.Store(self.ref, place, self.builder.operand(value, self.array.kind)))
+        index_ref = self.builder.operand(index, WHOLE)
+        self.builder.add(form.Store(self.ref, index_ref, self.builder.operand(value, self.array.kind)))
 
-    def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
-        """Return `width` adjacent entries from index `place` on, as a vector.
+    def entries(self, index: Any, width: int, mask: Entries | None = None) -> Entries:
+        """Return `width` adjacent entries from an index on, as a vector.
 
         Where the mask is false, the entry of the vector is zero.
         """
-        vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
+        vector, start = Vector(self.array.kind, width), self.builder.operand(index, WHOLE)
         held = None if mask is None else mask.ref
         made: Entries = self.builder.made(vector, lambda ref: form.VectorLoad(ref, vector, self.ref, start, held))
         return made
 
-    def gathered(self, places: Entries) -> Entries:
-        """Return the vector of the entries at the indices in the vector `places`."""
-        vector = Vector(self.array.kind, places.vector.width)
-        made: Entries = self.builder.made(vector, lambda ref: form.Gather(ref, vector, self.ref, places.ref))
+    def gathered(self, indices: Entries) -> Entries:
+        """Return the vector of the entries at the indices in a vector."""
+        vector = Vector(self.array.kind, indices.vector.width)
+        made: Entries = self.builder.made(vector, lambda ref: form.Gather(ref, vector, self.ref, indices.ref))
         return made
 
-    def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
-        """Write a vector to adjacent entries from index `place` on, where the mask is true."""
-        start = self.builder.operand(place, WHOLE)
+    def put(self, index: Any, value: Entries, mask: Entries | None = None) -> None:
+        """Write a vector to adjacent entries from an index on, where the mask is true."""
+        start = self.builder.operand(index, WHOLE)
         self.builder.add(form.VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
 
     def at(self, start: Any) -> Memory:

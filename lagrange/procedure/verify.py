@@ -63,8 +63,8 @@ class _Check:
         if not self.block(self.procedure.body) and self.procedure.results:
             raise self.error("a way through it ends without results")
 
-    def error(self, what: str) -> LagrangeError:
-        return LagrangeError(f"procedure {self.procedure.name} is malformed: {what}")
+    def error(self, problem: str) -> LagrangeError:
+        return LagrangeError(f"procedure {self.procedure.name} is malformed: {problem}")
 
     def define(self, ref: int, kind: Type) -> None:
         if ref in self.numbers:
@@ -77,15 +77,15 @@ class _Check:
             raise self.error(f"%{ref} is read where it is not known")
         return self.known[ref]
 
-    def kind(self, ref: int, wanted: Kind | Vector) -> None:
-        if self.type(ref) != wanted:
-            raise self.error(f"%{ref} is not a {wanted}")
+    def kind(self, ref: int, expected: Kind | Vector) -> None:
+        if self.type(ref) != expected:
+            raise self.error(f"%{ref} is not a {expected}")
 
     def array(self, ref: int) -> Array:
-        found = self.type(ref)
-        if not isinstance(found, Array):
+        array = self.type(ref)
+        if not isinstance(array, Array):
             raise self.error(f"%{ref} is not an array")
-        return found
+        return array
 
     def writable(self, ref: int) -> Array:
         if self.array(ref).read:
@@ -169,11 +169,11 @@ class _Check:
             self.places.add(let.ref)
         if let.op == CONSTANT:
             good = isinstance(let.data, {REAL: float, WHOLE: int, FLAG: bool}[let.kind]) and not let.args
-            found = let.kind if good and isinstance(let.data, bool) == (let.kind is FLAG) else None
+            result = let.kind if good and isinstance(let.data, bool) == (let.kind is FLAG) else None
         else:
             kinds = [self.type(arg) for arg in let.args]
-            found = result_kind(let.op, tuple(kind for kind in kinds if isinstance(kind, Kind)))
-        if found is not let.kind:
+            result = result_kind(let.op, tuple(kind for kind in kinds if isinstance(kind, Kind)))
+        if result is not let.kind:
             raise self.error(f"%{let.ref} = {let.op} gives no {let.kind}")
         self.define(let.ref, let.kind)
         if let.op == CONSTANT:
@@ -181,47 +181,49 @@ class _Check:
 
     def vector_let(self, let: form.VectorLet) -> None:
         kind, width = let.vector
-        found: Kind | None = None
+        result: Kind | None = None
         types = [self.type(arg) for arg in let.args]
         if width not in WIDTHS[1:]:
             raise self.error(f"%{let.ref} is a vector of {width} entries, which are one of {WIDTHS[1:]}")
         match let.op, types:
             case "permute", [first, *_] if len(let.places) == width:
-                known = [one for one in types if _entry_kind(one) is _entry_kind(first)]
-                count = sum(one.width if isinstance(one, Vector) else 1 for one in known)
-                inside = all(0 <= place < count for place in let.places)
-                found = _entry_kind(first) if inside and len(known) == len(types) else None
+                known = [operand for operand in types if _entry_kind(operand) is _entry_kind(first)]
+                count = sum(operand.width if isinstance(operand, Vector) else 1 for operand in known)
+                inside = all(0 <= index < count for index in let.places)
+                result = _entry_kind(first) if inside and len(known) == len(types) else None
             case op, _:
-                kinds = tuple(one.kind for one in types if isinstance(one, Vector) and one.width == width)
-                found = result_kind(op, kinds) if len(kinds) == len(types) else None
-        if found is not kind:
+                kinds = tuple(
+                    operand.kind for operand in types if isinstance(operand, Vector) and operand.width == width
+                )
+                result = result_kind(op, kinds) if len(kinds) == len(types) else None
+        if result is not kind:
             raise self.error(f"%{let.ref} = {let.op} gives no vector of {width} {kind}s")
         self.define(let.ref, let.vector)
 
     def reduce(self, reduce: form.Reduce) -> None:
-        found = self.type(reduce.vector)
+        vector = self.type(reduce.vector)
         kinds = {"any": (FLAG,), "sum": (REAL, WHOLE), "entry": (REAL, WHOLE, FLAG)}.get(reduce.op, ())
-        inside = isinstance(found, Vector) and 0 <= reduce.place < found.width
-        if not isinstance(found, Vector) or not inside or found.kind not in kinds or found.kind is not reduce.kind:
+        inside = isinstance(vector, Vector) and 0 <= reduce.place < vector.width
+        if not isinstance(vector, Vector) or not inside or vector.kind not in kinds or vector.kind is not reduce.kind:
             raise self.error(f"%{reduce.ref} = {reduce.op} gives no {reduce.kind}")
         self.define(reduce.ref, reduce.kind)
 
-    def vector_memory(self, one: form.VectorLoad | form.Gather | form.VectorStore | form.Scatter) -> None:
-        held = self.array(one.array)
-        vector = self.type(one.value) if isinstance(one, (form.VectorStore, form.Scatter)) else one.vector
+    def vector_memory(self, access: form.VectorLoad | form.Gather | form.VectorStore | form.Scatter) -> None:
+        held = self.array(access.array)
+        vector = self.type(access.value) if isinstance(access, (form.VectorStore, form.Scatter)) else access.vector
         if not isinstance(vector, Vector) or vector.kind is not held.kind or held.kind is FLAG:
-            raise self.error(f"%{one.array} holds no entries of {vector}")
-        if isinstance(one, (form.VectorStore, form.Scatter)):
-            self.writable(one.array)
-        if isinstance(one, (form.Gather, form.Scatter)):
-            if self.type(one.places) != Vector(WHOLE, vector.width):
-                raise self.error(f"%{one.places} is not a vector of {vector.width} places")
+            raise self.error(f"%{access.array} holds no entries of {vector}")
+        if isinstance(access, (form.VectorStore, form.Scatter)):
+            self.writable(access.array)
+        if isinstance(access, (form.Gather, form.Scatter)):
+            if self.type(access.places) != Vector(WHOLE, vector.width):
+                raise self.error(f"%{access.places} is not a vector of {vector.width} places")
         else:
-            self.kind(one.place, WHOLE)
-        if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
-            raise self.error(f"%{one.mask} is not a mask of {vector.width} flags")
-        if isinstance(one, (form.VectorLoad, form.Gather)):
-            self.define(one.ref, vector)
+            self.kind(access.place, WHOLE)
+        if access.mask is not None and self.type(access.mask) != Vector(FLAG, vector.width):
+            raise self.error(f"%{access.mask} is not a mask of {vector.width} flags")
+        if isinstance(access, (form.VectorLoad, form.Gather)):
+            self.define(access.ref, vector)
 
     def place(self, array: int, index: int, kind: Kind) -> None:
         self.kind(index, WHOLE)
@@ -266,10 +268,10 @@ class _Check:
             types = tuple(parameter.type for parameter in call.callee.parameters)
             results = call.callee.results
         else:
-            found = self.type(call.callee)
-            if not isinstance(found, Callee):
+            callee = self.type(call.callee)
+            if not isinstance(callee, Callee):
                 raise self.error(f"%{call.callee} is not a function")
-            types, results = found.parameters, found.results
+            types, results = callee.parameters, callee.results
         self.kinds(call.args, types, "a call")
         if len(call.refs) != len(results):
             raise self.error(f"a call takes {len(call.refs)} of {len(results)} results")
@@ -279,8 +281,8 @@ class _Check:
     def kinds(self, refs: Sequence[int], types: Sequence[Type], where: str) -> None:
         if len(refs) != len(types):
             raise self.error(f"{where} has {len(refs)} values for {len(types)}")
-        for ref, wanted in zip(refs, types, strict=True):
-            if not _fits(self.type(ref), wanted):
+        for ref, expected in zip(refs, types, strict=True):
+            if not _fits(self.type(ref), expected):
                 raise self.error(f"{where} has %{ref} in the place of another type")
 
     def loop(self, loop: form.Loop | form.Repeat | form.Each) -> None:
@@ -328,21 +330,25 @@ class _Check:
 
         Called for reductions whose number of iterations is not a constant.
         """
-        for one in body:
-            if isinstance(one, (form.Load, form.Store)) and one.place == index and self.array(one.array).room < PARTIAL:
-                raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
+        for statement in body:
+            if (
+                isinstance(statement, (form.Load, form.Store))
+                and statement.place == index
+                and self.array(statement.array).room < PARTIAL
+            ):
+                raise self.error(f"the array %{statement.array} of a sum has no room for a whole block behind its end")
 
 
-def _entry_kind(found: Type) -> Kind | None:
+def _entry_kind(operand: Type) -> Kind | None:
     """Return the kind of a number or flag, or of a vector's entries; None for another type."""
-    return found if isinstance(found, Kind) else found.kind if isinstance(found, Vector) else None
+    return operand if isinstance(operand, Kind) else operand.kind if isinstance(operand, Vector) else None
 
 
-def _fits(found: Type, wanted: Type) -> bool:
-    """Return True if an argument of type `found` fits a parameter of type `wanted`.
+def _fits(argument: Type, parameter: Type) -> bool:
+    """Return True if the type of an argument fits the type of a parameter.
 
     A writable array fits a read-only one.
     """
-    if isinstance(found, Array) and isinstance(wanted, Array):
-        return found.kind is wanted.kind and (wanted.read or not found.read)
-    return found == wanted
+    if isinstance(argument, Array) and isinstance(parameter, Array):
+        return argument.kind is parameter.kind and (parameter.read or not argument.read)
+    return argument == parameter

@@ -61,11 +61,11 @@ def operands(statement: Statement) -> tuple[int, ...]:
 
 def defined(statement: Statement) -> tuple[int, ...]:
     """Return the ids that a statement itself defines, without statements inside its blocks."""
-    found: list[int] = []
+    refs: list[int] = []
     for name in FIELDS[type(statement)].defined:
         value = getattr(statement, name)
-        found += [fold.ref for fold in value] if name == "folds" else _numbers(value)
-    return tuple(found)
+        refs += [fold.ref for fold in value] if name == "folds" else _numbers(value)
+    return tuple(refs)
 
 
 def _numbers(value: Any) -> Iterator[int]:
@@ -113,21 +113,25 @@ def uses_of(block: Block) -> dict[int, int]:
 
     A use inside a loop counts twice if the value is defined outside of the loop.
     """
-    found: dict[int, int] = {}
+    uses: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):
-            found[ref] = found.get(ref, 0) + 1
+            uses[ref] = uses.get(ref, 0) + 1
         loops = isinstance(statement, (form.Loop, form.Repeat, form.Each))
         for body in inner(statement):
-            made = frozenset(ref for one in walk(body) for ref in defined(one))
+            made = frozenset(ref for child in walk(body) for ref in defined(child))
             for ref, count in uses_of(body).items():
-                found[ref] = found.get(ref, 0) + (count if ref in made or not loops else 2 * count)
-    return found
+                uses[ref] = uses.get(ref, 0) + (count if ref in made or not loops else 2 * count)
+    return uses
 
 
 def loop_depth(block: Block) -> int:
     """Return the greatest depth of nested loops in a block."""
-    depths = (loop_depth(body) + isinstance(one, (form.Loop, form.Each)) for one in block for body in inner(one))
+    depths = (
+        loop_depth(body) + isinstance(statement, (form.Loop, form.Each))
+        for statement in block
+        for body in inner(statement)
+    )
     return max(depths, default=0)
 
 
@@ -155,16 +159,16 @@ class Visitor:
 
     def __init_subclass__(cls) -> None:
         """Collect the methods of a subclass. Raises TypeError if a class of statements has none."""
-        found = {
+        methods = {
             kind: name
             for base in reversed(cls.__mro__)
             for name, method in vars(base).items()
             for kind in getattr(method, "visits", ())
         }
-        missing = [kind.__name__ for kind in get_args(Statement) if kind not in (*found, *VECTOR_STATEMENTS)]
+        missing = [kind.__name__ for kind in get_args(Statement) if kind not in (*methods, *VECTOR_STATEMENTS)]
         if missing:
             raise TypeError(f"{cls.__name__} has no method for {', '.join(missing)}")
-        cls._methods = found
+        cls._methods = methods
 
     def statement(self, statement: Statement) -> Any:
         """Call the method for the class of a statement, and return its result.

@@ -96,9 +96,9 @@ class BracedPrinter(SourcePrinter):
         """Return the statement that leaves a loop."""
         return "break;"
 
-    def partial(self, ref: int, place: str) -> str:
-        """Return the text of partial sum number `place` of the reduction `ref`."""
-        return f"{self.text(ref)}[{place}]"
+    def partial(self, ref: int, index: str) -> str:
+        """Return the text of partial sum number `index` of the reduction `ref`."""
+        return f"{self.text(ref)}[{index}]"
 
     def modulo(self, index: str) -> str:
         """Return the text of an index modulo four."""
@@ -261,13 +261,13 @@ class CNames:
 
         With `qualified` pointers are "restrict".
         """
-        given = [
+        declarations = [
             self.type_of(parameter.type, name, qualified=qualified)
             for parameter, name in zip(procedure.parameters, names, strict=True)
         ]
         head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
-        line = f"{head}{', '.join(given) or 'void'})"
-        return [line] if len(line) <= TEXT_WIDTH else [head, *broken(given, "    ", TEXT_WIDTH)]
+        line = f"{head}{', '.join(declarations) or 'void'})"
+        return [line] if len(line) <= TEXT_WIDTH else [head, *broken(declarations, "    ", TEXT_WIDTH)]
 
 
 def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
@@ -330,8 +330,8 @@ class _CPrinter(BracedPrinter):
     def declare(self, name: str, kind: Kind, text: str) -> str:
         return f"{KINDS[kind]} {name} = {text};"
 
-    def element(self, array: int, place: int) -> str:
-        return f"{self.text(array)}[{self.text(place)}]"
+    def element(self, array: int, index: int) -> str:
+        return f"{self.text(array)}[{self.text(index)}]"
 
     def reserve(self, ref: int, array: Array) -> None:
         self.put(f"{KINDS[array.kind]} {self.name(ref)}[{array.length}];")

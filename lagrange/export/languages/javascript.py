@@ -142,11 +142,11 @@ def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shif
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
-        own_refs = [procedure.ref for place, procedure in enumerate(caller.parameters) if place in shifted[caller]]
+        own_refs = [parameter.ref for index, parameter in enumerate(caller.parameters) if index in shifted[caller]]
         moved = frozenset((*own_refs, *(part.ref for part in _parts(caller.body))))
         for call in calls(caller.body):
             if isinstance(call.callee, Procedure):
-                shifted[call.callee] |= {place for place, arg in enumerate(call.args) if arg in moved}
+                shifted[call.callee] |= {index for index, arg in enumerate(call.args) if arg in moved}
     return shifted
 
 
@@ -154,8 +154,8 @@ def _parts(block: Block) -> Iterator[Part]:
     for statement in block:
         if isinstance(statement, Part):
             yield statement
-        for one in inner(statement):
-            yield from _parts(one)
+        for body in inner(statement):
+            yield from _parts(body)
 
 
 class Place(NamedTuple):
@@ -239,12 +239,12 @@ class _JavaScriptPrinter(BracedPrinter):
     def declare(self, name: str, kind: Kind, text: str) -> str:
         return f"let {name} = {text};"
 
-    def element(self, array: int, place: int) -> str:
+    def element(self, array: int, index: int) -> str:
         begin, terms = self.place_of(array), tuple[str, ...]()
-        if place not in self.constants:
-            terms = (self.text(place, self.operators["add"].binds),)
-        index = summed((*begin.names, *terms), begin.number + self.constants.get(place, 0))
-        return f"{self.text(begin.array)}[{index}]"
+        if index not in self.constants:
+            terms = (self.text(index, self.operators["add"].binds),)
+        subscript = summed((*begin.names, *terms), begin.number + self.constants.get(index, 0))
+        return f"{self.text(begin.array)}[{subscript}]"
 
     def reserve(self, ref: int, array: Array) -> None:
         name = self.memory_name(ref)

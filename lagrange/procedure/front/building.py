@@ -83,8 +83,8 @@ class Tracer(Names):
         first, last = (self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop))
 
         def index() -> Iterator[Whole]:
-            with self.p.loop(first, last, step) as place:
-                yield place
+            with self.p.loop(first, last, step) as counter:
+                yield counter
 
         return LoopBlock(self, index())
 
@@ -116,7 +116,9 @@ class Tracer(Names):
         values = () if value is None else value if isinstance(value, tuple) else (value,)
         if len(values) != len(self.results):
             raise Error(f"the procedure returns {len(self.results)} values; {len(values)} are given.")
-        self.p.leave(*[self.number(one, kind, "the result") for one, kind in zip(values, self.results, strict=True)])
+        self.p.leave(
+            *[self.number(result, kind, "the result") for result, kind in zip(values, self.results, strict=True)]
+        )
         raise Ended
 
     # --- operations
@@ -164,7 +166,7 @@ class Tracer(Names):
     def differ(self, a: Any, b: Any) -> Any:
         """Return the flag a != b, or a bool if both operands are known at build time."""
         if isinstance(a, Flag) or isinstance(b, Flag):
-            first, second = (self.number(one, FLAG, "a flag") for one in (a, b))
+            first, second = (self.number(operand, FLAG, "a flag") for operand in (a, b))
             return self.p.choose(Flag.of(first), self.opposite(second), second)
         return self.opposite(self.equal(a, b))
 
@@ -235,25 +237,25 @@ class Tracer(Names):
 
     # --- memory
 
-    def item(self, owner: Any, place: Any) -> Any:
-        """Return the element at index `place` of an array, or of a tuple that is known at build time."""
+    def item(self, owner: Any, index: Any) -> Any:
+        """Return the element at an index of an array, or of a tuple that is known at build time."""
         if isinstance(owner, Memory):
-            return owner[self.place(owner, place, stored=False)]
-        if isinstance(place, Value):
+            return owner[self.place(owner, index, stored=False)]
+        if isinstance(index, Value):
             raise Error(f"the place in {described(owner)} is known only at run time: use an array.")
-        return owner[place]
+        return owner[index]
 
-    def place(self, array: Memory, place: Any, *, stored: bool) -> Value:
+    def place(self, array: Memory, index: Any, *, stored: bool) -> Value:
         """Return an index of an array as a value. Raises Error if an `each` forbids access at this index.
 
         `stored` is true if the element is written.
         """
-        if not isinstance(place, Value) and isinstance(place, int) and place < 0:
-            raise Error(f"the place {place} counts from the end, which a procedure does not know.")
-        index = self.number(place, WHOLE, "a place")
+        if not isinstance(index, Value) and isinstance(index, int) and index < 0:
+            raise Error(f"the place {index} counts from the end, which a procedure does not know.")
+        number = self.number(index, WHOLE, "a place")
         if self.iterations is not None:
-            self.iterations.visit(array, index, stored=stored)
-        return index
+            self.iterations.visit(array, number, stored=stored)
+        return number
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
         """Return the part of an array from index `lower` on, or a slice of a tuple."""
@@ -267,13 +269,13 @@ class Tracer(Names):
         self.roots[made.ref] = self.root(owner)
         return made
 
-    def store(self, owner: Any, place: Any, value: Any) -> None:
-        """Set the element of an array at index `place`."""
+    def store(self, owner: Any, index: Any, value: Any) -> None:
+        """Set the element of an array at an index."""
         if not isinstance(owner, Memory):
             raise Error(f"{described(owner)} is known when the procedure is built: only arrays can be set.")
         if owner.array.read:
             raise Error("an array of type In is only read: declare it as Out.")
-        owner[self.place(owner, place, stored=True)] = self.number(value, owner.array.kind, "the element")
+        owner[self.place(owner, index, stored=True)] = self.number(value, owner.array.kind, "the element")
 
     def write(self, owner: Any, field: str, value: Any) -> None:
         """Set a field of a record."""
@@ -284,9 +286,9 @@ class Tracer(Names):
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
         """Copy the elements `first:last` of the array `source` to the elements `lower:upper` of the array `target`."""
         count = self.extent(lower, upper)
-        there = None if last is None else self.extent(first, last)
-        if isinstance(count, int) and isinstance(there, int) and count != there:
-            raise Error(f"{there} numbers are copied to {count} places.")
+        source_count = None if last is None else self.extent(first, last)
+        if isinstance(count, int) and isinstance(source_count, int) and count != source_count:
+            raise Error(f"{source_count} numbers are copied to {count} places.")
         self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
@@ -343,8 +345,10 @@ class Tracer(Names):
             raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
         pairs = zip(args, callee.parameters, strict=True)
         handed = [
-            self.number(arg, one.type, f"{one.name} of {callee.name}") if isinstance(one.type, Kind) else arg
-            for arg, one in pairs
+            self.number(arg, parameter.type, f"{parameter.name} of {callee.name}")
+            if isinstance(parameter.type, Kind)
+            else arg
+            for arg, parameter in pairs
         ]
         return self.p.call(callee, *handed)
 

@@ -70,8 +70,8 @@ class Block:
             for name, value in pairs
         ]
         self.before = [self.tracer.varied(name, value) for name, value in zip(names, known, strict=True)]
-        inner = [one for value in self.before for one in (value if isinstance(value, tuple) else (value,))]
-        self.tracer.handed = [*self.outer, *(one for one in inner if isinstance(one, Variable))]
+        inner = [part for value in self.before for part in (value if isinstance(value, tuple) else (value,))]
+        self.tracer.handed = [*self.outer, *(part for part in inner if isinstance(part, Variable))]
         return self.before
 
     def ended(self) -> None:
@@ -149,18 +149,18 @@ class Branches(Block):
 
         A name that is first set inside all branches becomes a variable, declared before the statement.
         """
-        found = list(super().after())
+        merged = list(super().after())
         ways = [(body, way) for body, way in zip(self.bodies, self.ways, strict=True) if way is not None]
         for i in sorted(self.lost):
             values = [way[i] for _, way in ways]
             if all(value is values[0] for value in values) and not isinstance(values[0], (Value, Variable)):
-                found[i] = values[0]
+                merged[i] = values[0]
             elif (kind := common_kind(values)) is not None:
-                found[i] = self.joined(self.names[i], kind, [(body, way[i]) for body, way in ways])
+                merged[i] = self.joined(self.names[i], kind, [(body, way[i]) for body, way in ways])
         self.tracer.p.add(When(self.condition.ref, tuple(self.bodies[0]), tuple(self.bodies[1]), self.likely))
         if not ways:
             raise Ended
-        return found
+        return merged
 
     def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
         """Return a new variable of a kind for a name; each branch sets it at its end.
@@ -211,16 +211,16 @@ class EachBlock(Block):
         """Raise Error, because a return inside an `each` is not allowed."""
         raise Error("an iteration of an `each` returns: use `range`.")
 
-    def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
-        """Record an access to an array at index `place`. `stored` is true for a write.
+    def visit(self, array: Memory, index: Value, *, stored: bool) -> None:
+        """Record an access to an array at an index. `stored` is true for a write.
 
         Raises Error for a write at an index other than the index of the iteration.
         """
         assert self.index is not None
-        own = place.ref == self.index.ref
-        if stored and not own:
+        at_own_index = index.ref == self.index.ref
+        if stored and not at_own_index:
             raise Error("an iteration of an `each` writes at its own index only: use `range`.")
-        self.visits.append((self.tracer.root(array), array.ref, own, stored))
+        self.visits.append((self.tracer.root(array), array.ref, at_own_index, stored))
 
     def check(self) -> None:
         """Raise Error if iterations of this `each` depend on their order.
@@ -230,8 +230,8 @@ class EachBlock(Block):
         checked.
         """
         written = {root: part for root, part, _, stored in self.visits if stored}
-        for root, part, own, _ in self.visits:
-            if not self.disjoint and root in written and (part != written[root] or not own):
+        for root, part, at_own_index, _ in self.visits:
+            if not self.disjoint and root in written and (part != written[root] or not at_own_index):
                 raise Error(
                     "iterations of an `each` read or write other parts of an array that they write: use `range`, or "
                     "say each(n, disjoint=True) if the parts do not overlap."
@@ -245,9 +245,9 @@ class EachBlock(Block):
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
             raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
-        value, *others = [real(self.tracer.number(one, REAL, "a value of a reduction")) for one in values]
+        value, *factors = [real(self.tracer.number(operand, REAL, "a value of a reduction")) for operand in values]
         # The least value is minus the largest of the negative values.
-        number = self.tracer.p.fold("most", -value) if op == "least" else self.tracer.p.fold(op, value, *others)
+        number = self.tracer.p.fold("most", -value) if op == "least" else self.tracer.p.fold(op, value, *factors)
         self.folds[slot] = op, number
 
     def folded(self, slot: int, first: Any) -> Any:

@@ -31,9 +31,9 @@ def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
     if not any(isinstance(statement, (ast.If, ast.For, ast.While)) for statement in body):
         return {}
     kept = frozenset(name for statement in body for name in mentions(statement).later)
-    found: dict[ast.stmt, Carried] = {}
-    _Walk(kept, found).block(body, kept)
-    return found
+    names: dict[ast.stmt, Carried] = {}
+    _Walk(kept, names).block(body, kept)
+    return names
 
 
 class Mentions(NamedTuple):
@@ -62,9 +62,9 @@ def mentions(node: ast.AST) -> Mentions:
     inside = [mentions(child) for child in _children(node)]
     if not inside:
         return RETURNS if isinstance(node, ast.Return) else EMPTY
-    read = NOTHING.union(*[one.loaded for one in inside])
-    later = NOTHING.union(*[one.later for one in inside])
-    names = tuple(dict.fromkeys([name for one in inside for name in one.stored]))
+    read = NOTHING.union(*[part.loaded for part in inside])
+    later = NOTHING.union(*[part.later for part in inside])
+    names = tuple(dict.fromkeys([name for part in inside for name in part.stored]))
     match node:
         case ast.ListComp() | ast.GeneratorExp():
             return Mentions(read - frozenset(names), (), later)
@@ -76,7 +76,7 @@ def mentions(node: ast.AST) -> Mentions:
             return Mentions(read, (node.name,), later | read)
         case ast.AugAssign(target=ast.Name(id=name)):
             read |= {name}
-    return Mentions(read, names, later, isinstance(node, ast.Return) or any(one.returns for one in inside))
+    return Mentions(read, names, later, isinstance(node, ast.Return) or any(part.returns for part in inside))
 
 
 EMPTY, RETURNS = Mentions(), Mentions(returns=True)
@@ -92,9 +92,9 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
             if isinstance(value, ast.AST):
                 yield value
             elif isinstance(value, list):
-                for one in value:
-                    if isinstance(one, ast.AST):
-                        yield one
+                for child in value:
+                    if isinstance(child, ast.AST):
+                        yield child
 
 
 def loaded(nodes: Iterable[ast.AST]) -> Names:
@@ -110,11 +110,11 @@ def stored(nodes: Iterable[ast.AST]) -> list[str]:
 class _Walk:
     """Backward walk over a function, from its end. `kept` are names that inner functions may read at any time.
 
-    `found` receives the carried names of each branch and loop.
+    `carried` receives the carried names of each branch and loop.
     """
 
-    def __init__(self, kept: Names, found: dict[ast.stmt, Carried]) -> None:
-        self.kept, self.found = kept, found
+    def __init__(self, kept: Names, carried: dict[ast.stmt, Carried]) -> None:
+        self.kept, self.carried = kept, carried
 
     def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
         """Return the names that are live before a block. `live` are the names that are live after the block."""
@@ -128,7 +128,7 @@ class _Walk:
                 otherwise = self.block(orelse, live)
                 front = self.block(body, live) | otherwise
                 on = frozenset(stored([s])) & live
-                self.found[s] = Carried(on, on - front, frozenset(stored(body)) & otherwise - live)
+                self.carried[s] = Carried(on, on - front, frozenset(stored(body)) & otherwise - live)
                 return loaded([test]) | front
             case ast.For(target=target, iter=iterable, body=body):
                 targets = frozenset(stored([target]))
@@ -153,5 +153,5 @@ class _Walk:
             if before <= live:
                 break
             live |= before
-        self.found[s] = Carried(frozenset(stored([s])) & live)
+        self.carried[s] = Carried(frozenset(stored([s])) & live)
         return live

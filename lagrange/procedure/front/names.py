@@ -45,8 +45,8 @@ def leaves(value: Any) -> Iterator[Any]:
     if value is None:
         return
     if isinstance(value, (tuple, list)):
-        for one in value:
-            yield from leaves(one)
+        for entry in value:
+            yield from leaves(entry)
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         for field in dataclasses.fields(value):
             yield from leaves(getattr(value, field.name))
@@ -104,7 +104,7 @@ def described(value: Any) -> str:
 
 def is_varied(value: Any) -> bool:
     """Return True if a value is a tuple of variables."""
-    return isinstance(value, tuple) and bool(value) and all(isinstance(one, Variable) for one in value)
+    return isinstance(value, tuple) and bool(value) and all(isinstance(entry, Variable) for entry in value)
 
 
 class Names:
@@ -131,7 +131,7 @@ class Names:
         if isinstance(value, Variable):
             return value.value
         if is_varied(value):
-            return tuple(one.value for one in value)
+            return tuple(variable.value for variable in value)
         if isinstance(value, Missing):
             raise Error(f"`{value.name}` is read {value.where or 'before it is set'}: give it a first value in front.")
         return value
@@ -146,8 +146,8 @@ class Names:
             before.value = self.number(value, before.kind, f"`{name}`")
             return before
         if is_varied(before) and before[0] in self.handed:
-            for variable, one in zip(before, self.unpacked(value, len(before)), strict=True):
-                variable.value = self.number(one, variable.kind, f"`{name}`")
+            for variable, entry in zip(before, self.unpacked(value, len(before)), strict=True):
+                variable.value = self.number(entry, variable.kind, f"`{name}`")
             return before
         return self.named(name, value)
 
@@ -164,15 +164,15 @@ class Names:
         """
         if isinstance(value, Weighed):
             value = value.condition
-        found = kind_of(value)
-        if found is None:
+        actual = kind_of(value)
+        if actual is None:
             raise Error(f"{what} is a number; {described(value)} is given.")
         if isinstance(value, Value):
-            if found is not kind:
-                instead = {(REAL, WHOLE): ": write float(n)", (WHOLE, REAL): ": write int(x)"}.get((kind, found), "")
-                raise Error(f"{what} is {NAMES[kind]}, and {NAMES[found]} is given{instead}.")
+            if actual is not kind:
+                instead = {(REAL, WHOLE): ": write float(n)", (WHOLE, REAL): ": write int(x)"}.get((kind, actual), "")
+                raise Error(f"{what} is {NAMES[kind]}, and {NAMES[actual]} is given{instead}.")
             return value
-        if found is not kind and (kind, found) != (REAL, WHOLE):
+        if actual is not kind and (kind, actual) != (REAL, WHOLE):
             raise Error(f"{what} is {NAMES[kind]}, and {value!r} is given.")
         made: Value = self.p.constant(int(value) if isinstance(value, enum.IntEnum) else value, kind)
         return made
@@ -190,8 +190,8 @@ class Names:
         """
         if is_varied(value):
             return value
-        if isinstance(value, tuple) and value and all(kind_of(one) is not None for one in value):
-            return tuple(self.varied(f"{name}{i}", one) for i, one in enumerate(value))
+        if isinstance(value, tuple) and value and all(kind_of(entry) is not None for entry in value):
+            return tuple(self.varied(f"{name}{i}", entry) for i, entry in enumerate(value))
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
 
     def note(self, said: str) -> None:
@@ -220,8 +220,8 @@ class Names:
         kind = common_kind(args)
         if kind not in (REAL, WHOLE):
             raise Error(f"`{function.__name__}` takes numbers of one kind.")
-        best, *others = [self.number(arg, kind, f"an argument of `{function.__name__}`") for arg in args]
-        for one in others:
-            pair = (best, one) if function is max else (one, best)
-            best = self.p.choose(self.p.operation("less", *pair), one, best)
+        best, *rest = [self.number(arg, kind, f"an argument of `{function.__name__}`") for arg in args]
+        for candidate in rest:
+            pair = (best, candidate) if function is max else (candidate, best)
+            best = self.p.choose(self.p.operation("less", *pair), candidate, best)
         return best

@@ -89,13 +89,13 @@ class PlainFunction(Generic[Args, Result]):
     def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
         """Return the value of every argument and of every free variable of the function, by name."""
         try:
-            given = self.signature.bind(*args, **kwargs)
+            binding = self.signature.bind(*args, **kwargs)
         except TypeError as error:
             raise Error(f"{self.__name__}: {error}.") from None
-        given.apply_defaults()
+        binding.apply_defaults()
         cells = self.function.__closure__ or ()
         free = {name: cell.cell_contents for name, cell in zip(self.function.__code__.co_freevars, cells, strict=True)}
-        return {**given.arguments, **free}
+        return {**binding.arguments, **free}
 
     @cached_property
     def rewritten(self) -> Callable[..., Any]:
@@ -136,7 +136,7 @@ class Plain(PlainFunction[Args, Result]):
         super().__init__(function)
         self.apart, self.types = apart, types
         parameters = self.signature.parameters.values()
-        self.known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+        self.known = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         self._forms: MutableMapping[Hashable, Procedure] = WeakValueDictionary()
         self._kept: dict[Hashable, Procedure] = {}
         """Forms for known numbers, texts and options. A form for other objects is kept as long as these exist."""
@@ -167,14 +167,16 @@ class Plain(PlainFunction[Args, Result]):
 
     def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
         """Add a call of the procedure to the present block, and return its results."""
-        given = self.bound(args, kwargs)
-        known = {name: given.pop(name) for name in self.known}
+        arguments = self.bound(args, kwargs)
+        known = {name: arguments.pop(name) for name in self.known}
         late = [name for name, value in known.items() if is_dynamic(value)]
         if late:
             raise Error(f"{late[0]} of {self.__name__} is known when it is built; a value of the run is given.")
         for name in self.function.__code__.co_freevars:
-            given.pop(name)
-        return tracer.call_procedure(self.form(**known), [leaf for value in given.values() for leaf in leaves(value)])
+            arguments.pop(name)
+        return tracer.call_procedure(
+            self.form(**known), [leaf for value in arguments.values() for leaf in leaves(value)]
+        )
 
     def _build(self, known: Mapping[str, Any]) -> Procedure:
         hints = typing.get_type_hints(self.function, include_extras=True)
@@ -186,10 +188,10 @@ class Plain(PlainFunction[Args, Result]):
                 scope[name] = _parameter(p, name, self._type(name, hints, known))
         results = results_of(hints.get("return", type(None)))
         tracer = Tracer(p, results)
-        given, rewritten = self.bound((), scope), self.rewritten
+        arguments, rewritten = self.bound((), scope), self.rewritten
         try:
             with suppress(Ended):
-                rewritten(tracer, **given)
+                rewritten(tracer, **arguments)
         except (LagrangeError, TypeError, AttributeError, ValueError, LookupError, NameError, ArithmeticError) as error:
             raise self._located(error, p.name) from error
         return p.finish(*results)
@@ -201,7 +203,7 @@ class Plain(PlainFunction[Args, Result]):
         """
         if name in self.types:
             stated = self.types[name]
-            made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters if one in known})
+            made: Stated = stated(**{key: known[key] for key in inspect.signature(stated).parameters if key in known})
             return made
         if name not in hints:
             raise LagrangeError(f"procedure {self.__name__}: the parameter {name} has no type.")
@@ -212,8 +214,8 @@ class Plain(PlainFunction[Args, Result]):
         if isinstance(error, Located):
             return error
         frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if frame.filename in FILES]
-        line = f"{own[-1].filename}, line {own[-1].lineno}: `{own[-1].line}`: " if own else ""
+        inside = [frame for frame in frames if frame.filename in FILES]
+        line = f"{inside[-1].filename}, line {inside[-1].lineno}: `{inside[-1].line}`: " if inside else ""
         said = str(error).removeprefix(f"procedure {name}: ")
         return Located(f"procedure {name}: {line}{said}")
 
@@ -259,7 +261,7 @@ def type_of(annotation: Any) -> Stated:
             return annotation
     if typing.get_origin(annotation) is Callable:
         parameters, result = typing.get_args(annotation)
-        types = tuple(type_of(one) for one in parameters)
+        types = tuple(type_of(parameter) for parameter in parameters)
         return Callee(typing.cast("tuple[Kind | Array, ...]", types), results_of(result))
     raise LagrangeError(
         f"{annotation} is not a type of a parameter: use float, int, bool, In, Out, a record or a bundle."
@@ -271,7 +273,7 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
     if annotation in (None, type(None)):
         return ()
     parts = typing.get_args(annotation) if typing.get_origin(annotation) is tuple else (annotation,)
-    kinds = [type_of(one) for one in parts]
+    kinds = [type_of(part) for part in parts]
     return tuple(kind for kind in kinds if isinstance(kind, Kind))
 
 
@@ -283,7 +285,7 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
     if stated is None:
         return None
     if isinstance(stated, tuple):
-        return tuple(_parameter(p, f"{name}_{i}", one) for i, one in enumerate(stated))
+        return tuple(_parameter(p, f"{name}_{i}", part) for i, part in enumerate(stated))
     if isinstance(stated, Record):
         return p.record(name, stated)
     if isinstance(stated, Callee):
@@ -294,7 +296,7 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
     hints = typing.get_type_hints(bundle.of, include_extras=True)
     fields = [field.name for field in dataclasses.fields(bundle.of)]
     types = {field: bundle.types[field] if field in bundle.types else type_of(hints[field]) for field in fields}
-    return bundle.of(**{field: _parameter(p, prefix + field, one) for field, one in types.items()})
+    return bundle.of(**{field: _parameter(p, prefix + field, part) for field, part in types.items()})
 
 
 def _suffix(known: Mapping[str, Any]) -> str:

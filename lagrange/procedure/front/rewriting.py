@@ -64,8 +64,8 @@ def named(name: str) -> ast.expr:
 
 def told(method: str, *args: ast.expr | str | int, of: str = RECEIVER) -> ast.Call:
     """Return the syntax tree of a call `of.method(*args)`. By default `of` is the receiver. Texts become constants."""
-    given = [arg if isinstance(arg, ast.expr) else ast.Constant(arg) for arg in args]
-    return ast.Call(ast.Attribute(named(of), method, LOAD), given, [])
+    arguments = [arg if isinstance(arg, ast.expr) else ast.Constant(arg) for arg in args]
+    return ast.Call(ast.Attribute(named(of), method, LOAD), arguments, [])
 
 
 def lazily(value: ast.expr) -> ast.expr:
@@ -97,7 +97,7 @@ class Rewriter:
         outer: frozenset[str] | None = None,
     ) -> None:
         self.tree, self.comments, self.is_inner = tree, comments, outer is not None
-        self.body = [delegated(one) for one in single_exit(self.tree)] if inlined else self.tree.body
+        self.body = [delegated(statement) for statement in single_exit(self.tree)] if inlined else self.tree.body
         self.count = 0
         arguments = self.tree.args
         self.parameters = [arg.arg for arg in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
@@ -139,10 +139,10 @@ class Rewriter:
             before = statement.end_lineno or statement.lineno
             if said:
                 made.append(ast.Expr(told("note", " ".join(said)), lineno=statement.lineno))
-            for one in self.statement(statement):
-                if "lineno" not in one.__dict__:
-                    one.lineno = statement.lineno
-                made.append(one)
+            for rewritten in self.statement(statement):
+                if "lineno" not in rewritten.__dict__:
+                    rewritten.lineno = statement.lineno
+                made.append(rewritten)
         return made
 
     def statement(self, s: ast.stmt) -> list[ast.stmt]:
@@ -195,8 +195,8 @@ class Rewriter:
             case ast.Tuple(elts=targets) | ast.List(elts=targets):
                 held = self.fresh()
                 made = [put(held, told("unpacked", value, len(targets)))]
-                for i, one in enumerate(targets):
-                    made += self.to_target(one, ast.Subscript(named(held), ast.Constant(i), LOAD))
+                for i, entry in enumerate(targets):
+                    made += self.to_target(entry, ast.Subscript(named(held), ast.Constant(i), LOAD))
                 return made
             case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
                 return [ast.Expr(told("store", self.expression(array), self.expression(place), value))]
@@ -210,13 +210,13 @@ class Rewriter:
             return put(name, told("assign", named(name), name, value))
         return put(name, told("named", name, value))
 
-    def copy(self, target: ast.Subscript, place: ast.Slice, value: ast.expr) -> ast.expr:
-        """Return the rewritten copy `a[:n] = b[:n]`, or fill `a[:n] = number`. `place` is the target's slice."""
-        here = (self.expression(target.value), self.optional(place.lower), self.optional(place.upper))
+    def copy(self, target: ast.Subscript, span: ast.Slice, value: ast.expr) -> ast.expr:
+        """Return the rewritten copy `a[:n] = b[:n]`, or fill `a[:n] = number`. `span` is the target's slice."""
+        destination = (self.expression(target.value), self.optional(span.lower), self.optional(span.upper))
         if isinstance(value, ast.Subscript) and isinstance(value.slice, ast.Slice):
-            there = (self.expression(value.value), self.optional(value.slice.lower), self.optional(value.slice.upper))
-            return told("copy", *here, *there)
-        return told("fill", *here, self.expression(value))
+            source = (self.expression(value.value), self.optional(value.slice.lower), self.optional(value.slice.upper))
+            return told("copy", *destination, *source)
+        return told("fill", *destination, self.expression(value))
 
     def optional(self, x: ast.expr | None) -> ast.expr:
         """Return the rewritten form of an expression, or the constant None for an omitted one."""
@@ -246,13 +246,13 @@ class Rewriter:
 
     def branches(self, s: ast.If) -> list[ast.stmt]:
         """Return the rewritten `if` statement with its two branches."""
-        ways, which = self.fresh(), self.fresh()
+        ways, branch = self.fresh(), self.fresh()
         chosen = ast.If(
-            named(which),
+            named(branch),
             self.block(s.body, s.lineno) or [ast.Pass()],
             self.block(s.orelse, s.body[-1].end_lineno or s.lineno),
         )
-        made = self.through(s, ways, named(ways), which, self.handed(s), [chosen])
+        made = self.through(s, ways, named(ways), branch, self.handed(s), [chosen])
         first = put(ways, told("branches", self.expression(s.test)))
         across = sorted(self.carried[s].across)
         if not across:
@@ -271,7 +271,7 @@ class Rewriter:
             case ast.Call(func=ast.Name(id="range"), args=args, keywords=[]):
                 head = put(loop, told("loop", *[self.expression(arg) for arg in args]))
             case ast.Call(func=ast.Name(id="each"), args=args, keywords=keywords):
-                options = [ast.keyword(one.arg, self.expression(one.value)) for one in keywords]
+                options = [ast.keyword(keyword.arg, self.expression(keyword.value)) for keyword in keywords]
                 call = told("each", *[self.expression(arg) for arg in args])
                 call.keywords = options
                 return [put(loop, call), *self.iterations(loop, s)]
@@ -332,9 +332,9 @@ class Rewriter:
                 body += self.block([statement], before)
             else:
                 _, function, args = reductions[folded]
-                which = "add" if function is None else self.expression(function)
-                given = [self.expression(arg) for arg in args]
-                body.append(ast.Expr(told("fold", slots[folded], which, *given, of=loop)))
+                operation = "add" if function is None else self.expression(function)
+                operands = [self.expression(arg) for arg in args]
+                body.append(ast.Expr(told("fold", slots[folded], operation, *operands, of=loop)))
             before = statement.end_lineno or statement.lineno
         names = [name for name in self.handed(s) if name not in reductions]
         made = self.through(s, loop, named(loop), index, names, body)
@@ -393,7 +393,7 @@ class Rewriter:
                 )
             case ast.Call(func=function, args=args, keywords=keywords):
                 made = told("call", self.expression(function), *[self.argument(arg) for arg in args])
-                made.keywords = [ast.keyword(one.arg, self.expression(one.value)) for one in keywords]
+                made.keywords = [ast.keyword(keyword.arg, self.expression(keyword.value)) for keyword in keywords]
                 return made
             case ast.Tuple(elts=values):
                 return ast.Tuple([self.argument(value) for value in values], LOAD)
@@ -432,10 +432,10 @@ class Rewriter:
                 raise self.refuse(x, "a chain of comparisons around a computed value: give it a name first")
             pair = self.expression(left), self.expression(right)
             if type(op) in EQUALITIES:
-                one: ast.expr = told(EQUALITIES[type(op)], *pair)
+                test: ast.expr = told(EQUALITIES[type(op)], *pair)
             else:
-                one = ast.Compare(pair[0], [op], [pair[1]])
-            made = one if made is None else told("joined", "and", made, lazily(one))
+                test = ast.Compare(pair[0], [op], [pair[1]])
+            made = test if made is None else told("joined", "and", made, lazily(test))
             left = right
         assert made is not None
         return made
@@ -447,12 +447,12 @@ class Rewriter:
             self.scoped.append(with_names)
             made: ast.expr = told("local", ast.Lambda(x.args, self.expression(x.body)))
         else:
-            sources = [self.expression(one.iter) for one in x.generators[:1]]
-            self.scoped.append(frozenset(stored([one.target for one in x.generators])))
-            sources += [self.expression(one.iter) for one in x.generators[1:]]
+            sources = [self.expression(generator.iter) for generator in x.generators[:1]]
+            self.scoped.append(frozenset(stored([generator.target for generator in x.generators])))
+            sources += [self.expression(generator.iter) for generator in x.generators[1:]]
             generators = [
-                ast.comprehension(one.target, source, [self.expression(test) for test in one.ifs], 0)
-                for one, source in zip(x.generators, sources, strict=True)
+                ast.comprehension(generator.target, source, [self.expression(test) for test in generator.ifs], 0)
+                for generator, source in zip(x.generators, sources, strict=True)
             ]
             made = type(x)(self.expression(x.elt), generators)
         self.scoped.pop()
@@ -491,20 +491,20 @@ def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
     for node in (inner for statement in body for inner in ast.walk(statement)):
         if isinstance(node, ast.Name):
             mentions[node.id] = mentions.get(node.id, 0) + 1
-    found: dict[str, Reduction] = {}
+    reductions: dict[str, Reduction] = {}
     for statement in body:
         match statement:
             case ast.AugAssign(target=ast.Name(id=name), op=ast.Add(), value=value) if mentions[name] == 1:
-                found[name] = statement, None, [value]
+                reductions[name] = statement, None, [value]
             case ast.Assign(
                 targets=[ast.Name(id=name)], value=ast.Call(func=ast.Name() as function, args=args, keywords=[])
             ) if mentions[name] == 2:
                 match args:
                     case [ast.Name(id=same), value] if same == name:
-                        found[name] = statement, function, [value]
+                        reductions[name] = statement, function, [value]
                     case [a, b, ast.Name(id=same)] if same == name:
-                        found[name] = statement, function, [a, b]
-    return found
+                        reductions[name] = statement, function, [a, b]
+    return reductions
 
 
 def delegated(statement: ast.stmt) -> ast.stmt:
@@ -535,7 +535,7 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
                 f"procedure {tree.name}, line {node.lineno}: a function that is written into its callers cannot return "
                 "from inside a loop: keep the result in a name, and return it behind the loop."
             )
-    counts = {len(one.value.elts) if isinstance(one.value, ast.Tuple) else 1 for one in returns if one.value}
+    counts = {len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1 for node in returns if node.value}
     count = counts.pop() if counts else 0
     if counts:
         raise LagrangeError(f"procedure {tree.name}: every return gives as many values.")
@@ -587,11 +587,11 @@ def _ends(body: Sequence[ast.stmt]) -> bool:
 
 def _walk(body: Iterable[ast.stmt]) -> list[ast.stmt]:
     """Return statements and all statements inside them, except those of inner functions."""
-    found: list[ast.stmt] = []
+    statements: list[ast.stmt] = []
     for statement in body:
-        found.append(statement)
+        statements.append(statement)
         if isinstance(statement, ast.If):
-            found += _walk([*statement.body, *statement.orelse])
+            statements += _walk([*statement.body, *statement.orelse])
         elif isinstance(statement, LOOPS):
-            found += _walk(statement.body)
-    return found
+            statements += _walk(statement.body)
+    return statements

@@ -27,22 +27,22 @@ class Readable(Protocol[Number_co]):
     """An array that is read: `a[i]` is an element, `a[i:]` the part of the array from index i on."""
 
     @overload
-    def __getitem__(self, place: int) -> Number_co: ...
+    def __getitem__(self, index: int) -> Number_co: ...
     @overload
-    def __getitem__(self, place: slice) -> Readable[Number_co]: ...
+    def __getitem__(self, index: slice) -> Readable[Number_co]: ...
 
 
 class Writable(Protocol[Written]):
     """An array that is read and written. `a[:n] = b[:n]` copies, `a[:n] = 0.0` fills."""
 
     @overload
-    def __getitem__(self, place: int) -> Written: ...
+    def __getitem__(self, index: int) -> Written: ...
     @overload
-    def __getitem__(self, place: slice) -> Writable[Written]: ...
+    def __getitem__(self, index: slice) -> Writable[Written]: ...
     @overload
-    def __setitem__(self, place: int, value: Written) -> None: ...
+    def __setitem__(self, index: int, value: Written) -> None: ...
     @overload
-    def __setitem__(self, place: slice, value: Written | Readable[Written]) -> None: ...
+    def __setitem__(self, index: slice, value: Written | Readable[Written]) -> None: ...
 
 
 In = Annotated[Readable[float], Array(REAL, read=True)]
@@ -211,15 +211,15 @@ Class = TypeVar("Class", bound=type)
 
 def record_of(stated: Any) -> Record | None:
     """Return the `form.Record` of a class declared by `@record`, or None for another class."""
-    found = getattr(stated, "record", None)
-    return found if isinstance(stated, type) and isinstance(found, Record) else None
+    record = getattr(stated, "record", None)
+    return record if isinstance(stated, type) and isinstance(record, Record) else None
 
 
 def form_of(stated: type) -> Record:
     """Return the `form.Record` of a class declared by `@record`."""
-    found = record_of(stated)
-    assert found is not None
-    return found
+    record = record_of(stated)
+    assert record is not None
+    return record
 
 
 def record(stated: Class) -> Class:
